@@ -1,0 +1,25 @@
+"""The exceptions exosight raises on purpose.
+
+ExosightError
+├── InputError         an argument, option or configuration value outside its range
+├── DataError          a file that is missing, truncated, damaged or of another kind
+└── ConvergenceError   a solve that found no stable equilibrium
+
+The command line turns each of them into one sentence on stderr and exit code 2.
+"""
+
+
+class ExosightError(Exception):
+    """Base of everything exosight raises on purpose."""
+
+
+class InputError(ExosightError, ValueError):
+    """An argument outside its range: the message says what, expected, got and remedy."""
+
+
+class DataError(ExosightError, OSError):
+    """A file or folder that cannot be used: the message names it and the remedy."""
+
+
+class ConvergenceError(ExosightError, ArithmeticError):
+    """No stable equilibrium was found where one was asked for."""
