@@ -1,1 +1,43 @@
-"""TODO."""
+"""Soft and rigid multibody mechanics from one scalar: the potential energy of a kinematic tree.
+
+    basis, quadrature, section   what a rod is made of: strain functions, points, stiffness
+    joint, link, rod, robot      the parts and their tree
+    kinematics                   the one walk down the tree: poses, Jacobians, and the way back
+    energy                       what an energy term is, and the terms of rods, joints and weight
+    contact, actuation           spheres that press on each other; pressure along a line
+    equilibrium                  stable minima of the energy, followed along a load path
+"""
+
+from exosight.mechanics.actuation import PressureLine
+from exosight.mechanics.basis import Legendre, NodalQuadratic
+from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.energy import DeadForce, Gravity, potential
+from exosight.mechanics.equilibrium import Equilibria, SolverOptions, follow, stack
+from exosight.mechanics.joint import Fixed, Revolute
+from exosight.mechanics.kinematics import Motion, walk
+from exosight.mechanics.link import Link
+from exosight.mechanics.quadrature import Gauss
+from exosight.mechanics.robot import Robot
+from exosight.mechanics.rod import Rod
+
+__all__ = [
+    "DeadForce",
+    "Equilibria",
+    "Fixed",
+    "Gauss",
+    "Gravity",
+    "Legendre",
+    "Link",
+    "Motion",
+    "NodalQuadratic",
+    "PressureLine",
+    "Revolute",
+    "Robot",
+    "Rod",
+    "SolverOptions",
+    "SphereContact",
+    "follow",
+    "potential",
+    "stack",
+    "walk",
+]

@@ -1,0 +1,142 @@
+"""The published plant: a soft exosuit clamped above a finger, as one robot of 25 degrees of freedom."""
+
+from dataclasses import dataclass, field
+from functools import partial
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from exosight import lie
+from exosight.errors import InputError
+from exosight.exosuit.finger import Finger
+from exosight.exosuit.shapes import TABLE_I, ExosuitShape, radius, radius_slope
+from exosight.mechanics import Gauss, NodalQuadratic, PressureLine, Robot, Rod, SphereContact, walk
+from exosight.mechanics.contact import Spheres
+
+QUADRATURE = Gauss(elements=5, per_element=8)
+"""42 points, each a contact sphere: 8 Gauss points in each of 5 elements, plus both ends."""
+
+STRAINS = {"bend_y": NodalQuadratic(5), "stretch_x": NodalQuadratic(5)}
+"""Bending about y and extension along x, 11 nodes each: 22 degrees of freedom."""
+
+ROD = "exosuit"
+"""Name of the rod in the robot."""
+
+MAX_FORCE = 4.0
+"""Largest actuation of the published data [N]."""
+
+
+@dataclass(frozen=True)
+class Exosuit:
+    """A worn exosuit.
+
+    shape               its surface and length
+    finger              the finger below it
+    young               Young's modulus [Pa]; the default is the one that reproduces the paper's forces
+    contact_stiffness   penalty stiffness of the spheres [N/m]
+    gap                 clearance between the two at the base [m]; 0 is touching
+    """
+
+    shape: ExosuitShape = TABLE_I
+    finger: Finger = field(default_factory=Finger)
+    young: float = 300e3
+    contact_stiffness: float = 1000.0
+    gap: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, unit, low, high in (
+            ("young", "Pa", 1e3, 1e9),
+            ("contact_stiffness", "N/m", 1.0, 1e6),
+            ("gap", "m", 0.0, 0.1),
+        ):
+            value = getattr(self, name)
+            if not low <= value <= high:
+                raise InputError(f"{name}: expected {low:g}…{high:g} {unit}, got {value}")
+
+
+def assemble(exosuit: Exosuit) -> Robot:
+    """The robot of a worn exosuit: bodies `exosuit`, `finger_0` … and the energies of contact and actuation.
+
+    Its single load is the actuation u [N]; u > 0 pushes along the line on the surface away from the finger.
+    """
+    x, shape, finger = QUADRATURE.points, exosuit.shape, exosuit.finger
+    surface = radius(shape.surface, x)
+    height = finger.radii[0] + surface[0] + exosuit.gap
+    rod = Rod(
+        ROD,
+        shape.length,
+        surface,
+        young=exosuit.young,
+        poisson=0.5,
+        density=1070.0,
+        strains=STRAINS,
+        quadrature=QUADRATURE,
+        mount=lie.translation(jnp.array([0.0, 0.0, height])),
+    )
+    links = finger.links()
+    dorsal = np.array([0.0, 0.0, 1.0])
+    line = PressureLine(
+        rod=ROD,
+        channel=0,
+        offset=jnp.asarray(surface[:, None] * dorsal),
+        slope=jnp.asarray(radius_slope(shape.surface, x)[:, None] / shape.length * dorsal),
+    )
+    contact = SphereContact(
+        first=Spheres(tuple((ROD, i) for i in range(QUADRATURE.size)), jnp.asarray(surface)),
+        second=Spheres(
+            tuple((link.name, site) for link in links for site in range(link.frames)),
+            jnp.asarray(finger.sphere_radii()),
+        ),
+        stiffness=jnp.asarray(exosuit.contact_stiffness),
+    )
+    return Robot((rod, *links), (line, contact))
+
+
+class Pose(eqx.Module):
+    """A worn exosuit at one equilibrium, in the terms of the paper; leading batch dimensions allowed.
+
+    forces        (*batch, 8)           magnitude of the summed contact force on C0…C7 [N]
+    net_force     (*batch,)             F_net: the sum over C1…C7 [N]
+    joint_angles  (*batch, hinges)      flexion [rad]
+    centreline    (*batch, points, 3)   the exosuit's axis [m]
+    finger        (*batch, links + 1, 3)  joints and tip [m]
+    tip_angle     (*batch,)             inclination of the exosuit's tip in the x–z plane [rad]: negative
+                                        downwards, counted through full turns
+    """
+
+    forces: Float[Array, "*batch spheres"]
+    net_force: Float[Array, "*batch"]
+    joint_angles: Float[Array, "*batch hinges"]
+    centreline: Float[Array, "*batch points 3"]
+    finger: Float[Array, "*batch nodes 3"]
+    tip_angle: Float[Array, "*batch"]
+
+
+@eqx.filter_jit
+def observe(robots: Robot, q: Float[Array, "robots loads dofs"]) -> Pose:
+    """Forces and shape of stacked robots at coordinates q (see `exosight.mechanics.stack`)."""
+    return jax.vmap(lambda robot, path: jax.vmap(partial(_observe, robot))(path))(robots, q)
+
+
+def _observe(robot: Robot, q: Float[Array, " dofs"]) -> Pose:
+    motion = walk(robot, q)
+    contact = next(term for term in robot.terms if isinstance(term, SphereContact))
+    force = contact.forces(robot, motion.position)
+    forces = jnp.sqrt(jnp.sum(force**2, axis=-1))
+    links = [body for body in robot.bodies if body.name != ROD]
+    joints = jnp.concatenate([q[robot.dof_slice(link.name)] for link in links])
+    bases = jnp.stack([motion.position[robot.frame_slice(link.name)][0] for link in links])
+    rod = robot[ROD]
+    assert isinstance(rod, Rod)
+    (steps,) = motion.steps[robot.index(ROD)]
+    return Pose(
+        forces=forces,
+        net_force=forces[1:].sum(),
+        joint_angles=joints,
+        centreline=motion.position[robot.frame_slice(ROD)],
+        finger=jnp.concatenate([bases, motion.end[-1, :3, 3][None]]),
+        tip_angle=-steps.twist[:, 1].sum(),
+    )

@@ -1,0 +1,56 @@
+"""The points along a rod: where energy is integrated, poses are computed and spheres sit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from exosight.errors import InputError
+
+
+@dataclass(frozen=True)
+class Gauss:
+    """Gauss–Legendre points in equal elements of [0, 1], plus both ends with weight zero.
+
+    elements       number of elements
+    per_element    Gauss points in each; integrates degree 2·per_element − 1 exactly
+    element_ends   whether the inner element ends are points too (SoRoSim has them)
+
+    The paper's 42 points are `Gauss(5, 8)`.
+    """
+
+    elements: int
+    per_element: int
+    element_ends: bool = False
+
+    def __post_init__(self) -> None:
+        if self.elements < 1 or self.per_element < 1:
+            raise InputError(
+                f"Gauss: expected at least 1 element and 1 point, got {self.elements} and {self.per_element}"
+            )
+
+    @property
+    def size(self) -> int:
+        """Number of points, both ends included."""
+        inner = self.elements - 1 if self.element_ends else 0
+        return self.elements * self.per_element + 2 + inner
+
+    @property
+    def points(self) -> Float[np.ndarray, " points"]:
+        """X in [0, 1], ascending."""
+        return self._rule()[0]
+
+    @property
+    def weights(self) -> Float[np.ndarray, " points"]:
+        """Weights that sum to one; times the rod's length they integrate over arc length."""
+        return self._rule()[1]
+
+    def _rule(self) -> tuple[np.ndarray, np.ndarray]:
+        nodes, weights = np.polynomial.legendre.leggauss(self.per_element)
+        starts = np.arange(self.elements)[:, None]
+        x = ((starts + (nodes + 1) / 2) / self.elements).ravel()
+        w = np.tile(weights / 2 / self.elements, self.elements)
+        ends = np.linspace(0, 1, self.elements + 1) if self.element_ends else np.array([0.0, 1.0])
+        x, w = np.concatenate([x, ends]), np.concatenate([w, np.zeros(len(ends))])
+        order = np.argsort(x)
+        return x[order], w[order]

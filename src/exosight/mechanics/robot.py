@@ -1,0 +1,69 @@
+"""A robot: a tree of links and rods, and the energy terms that act on it."""
+
+from typing import TYPE_CHECKING
+
+import equinox as eqx
+
+from exosight.errors import InputError
+from exosight.mechanics.link import Link
+from exosight.mechanics.rod import Rod
+
+if TYPE_CHECKING:
+    from exosight.mechanics.energy import Term
+
+Body = Link | Rod
+
+
+class Robot(eqx.Module):
+    """Bodies, parents before children, and the terms whose sum with their elasticity is the energy.
+
+    It is a JAX pytree: its numbers can be batched (`stack`), traced and differentiated, while names
+    and array sizes are fixed and select the compiled code.
+    """
+
+    bodies: tuple[Body, ...]
+    terms: "tuple[Term, ...]"
+
+    def __init__(self, bodies: tuple[Body, ...], terms: "tuple[Term, ...]" = ()) -> None:
+        seen: set[str | None] = {None}
+        for body in bodies:
+            if body.name in seen:
+                raise InputError(f"robot: two bodies are named {body.name!r}; give each its own name")
+            if body.parent not in seen:
+                raise InputError(
+                    f"robot: body {body.name!r} sits on {body.parent!r}, which does not come before it"
+                )
+            seen.add(body.name)
+        self.bodies, self.terms = tuple(bodies), tuple(terms)
+
+    @property
+    def dofs(self) -> int:
+        """Number of coordinates, body by body in order."""
+        return sum(body.dofs for body in self.bodies)
+
+    @property
+    def frames(self) -> int:
+        """Number of poses, body by body in order."""
+        return sum(body.frames for body in self.bodies)
+
+    def __getitem__(self, name: str) -> Body:
+        return self.bodies[self.index(name)]
+
+    def index(self, name: str) -> int:
+        """Position of the body called `name`; InputError if there is none."""
+        names = [body.name for body in self.bodies]
+        if name not in names:
+            raise InputError(f"robot: no body is named {name!r}; it has {', '.join(names)}")
+        return names.index(name)
+
+    def frame_slice(self, name: str) -> slice:
+        """Where the frames of body `name` stand among all frames."""
+        i = self.index(name)
+        start = sum(body.frames for body in self.bodies[:i])
+        return slice(start, start + self.bodies[i].frames)
+
+    def dof_slice(self, name: str) -> slice:
+        """Where the coordinates of body `name` (its joint's, then its strains') stand among all."""
+        i = self.index(name)
+        start = sum(body.dofs for body in self.bodies[:i])
+        return slice(start, start + self.bodies[i].dofs)
