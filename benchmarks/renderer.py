@@ -1,0 +1,62 @@
+"""How many pictures a second one core renders: `python -m benchmarks.renderer`."""
+
+import platform
+import time
+from pathlib import Path
+
+import numpy as np
+
+from exosight.vision import Camera, Tube, render
+
+FRAMES, REPEATS = 1000, 9
+
+
+def scene(frames: int = FRAMES) -> list[Tube]:
+    """A finger of four links and a rod of 42 nodes above it, both bending from frame to frame [m]."""
+    bend = np.linspace(0, 1, frames)[:, None]
+    angles = -np.cumsum(bend * [0.5, 0.6, 0.5, 0.0], axis=1)
+    lengths = np.array([0.045, 0.0253, 0.0236, 0.001])
+    finger = np.pad(np.cumsum(_ahead(angles) * lengths[:, None], axis=1), ((0, 0), (1, 0), (0, 0)))
+    arc = np.linspace(0, 1, 42)
+    rod = np.pad(np.cumsum(_ahead(-1.8 * bend * arc[1:]) * 0.1 / 41, axis=1), ((0, 0), (1, 0), (0, 0)))
+    rod += [0, 0, 0.0108 + 0.0058]
+    return [
+        Tube(finger, np.tile([0.0108, 0.00695, 0.0051, 0.00435, 0.004], (frames, 1)), shade=0.7),
+        Tube(rod, np.tile(0.0058 + (0.004 - 0.0058) * arc, (frames, 1)), shade=0.35),
+    ]
+
+
+def _ahead(angles: np.ndarray) -> np.ndarray:
+    return np.stack([np.cos(angles), np.zeros_like(angles), np.sin(angles)], axis=-1)
+
+
+def run() -> dict:
+    """Frames a second on one core at the default camera, two bodies, median of several repeats."""
+    tubes, camera = scene(), Camera()
+    render(tubes, camera)  # compiles
+    seconds = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        render(tubes, camera)
+        seconds.append(time.perf_counter() - start)
+    return {
+        "name": "renderer",
+        "cpu": cpu_name(),
+        "image": f"{camera.width}×{camera.height}",
+        "bodies": len(tubes),
+        "frames_per_second": round(FRAMES / float(np.median(seconds))),
+    }
+
+
+def cpu_name() -> str:
+    """The processor's name as the system tells it."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+if __name__ == "__main__":
+    result = run()
+    scene_text = f"{result['image']}, {result['bodies']} bodies, one core"
+    print(f"{result['cpu']}: {result['frames_per_second']} frames/s ({scene_text})")
