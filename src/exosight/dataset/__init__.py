@@ -1,1 +1,43 @@
-"""TODO."""
+"""Labelled images: in memory, on disk, and divided for training and testing."""
+
+from exosight.dataset.frames import QUANTITIES, Frames, concatenate, take
+from exosight.dataset.manifest import (
+    ChunkEntry,
+    Manifest,
+    dataset_identity,
+    new_manifest,
+    read_manifest,
+    sampled_shapes,
+    write_manifest,
+)
+from exosight.dataset.splits import (
+    PROTOCOLS,
+    Split,
+    make_split,
+    split_by_family,
+    split_by_frame,
+    split_by_shape,
+)
+from exosight.dataset.store import read_frames, write_chunk
+
+__all__ = [
+    "PROTOCOLS",
+    "QUANTITIES",
+    "ChunkEntry",
+    "Frames",
+    "Manifest",
+    "Split",
+    "concatenate",
+    "dataset_identity",
+    "make_split",
+    "new_manifest",
+    "read_frames",
+    "read_manifest",
+    "sampled_shapes",
+    "split_by_family",
+    "split_by_frame",
+    "split_by_shape",
+    "take",
+    "write_chunk",
+    "write_manifest",
+]

@@ -1,0 +1,35 @@
+"""Writing a file so that it is there whole or not at all."""
+
+import os
+from pathlib import Path
+from uuid import uuid4
+
+from exosight.errors import DataError
+
+
+def write_new_file(path: Path, content: bytes) -> None:
+    """Write a file that does not exist yet, on disk when this returns.
+
+    The content goes to a temporary name in the same folder, is flushed to disk and renamed; a full disk or a
+    killed process leaves at most a hidden `.part` file, which nothing reads.
+
+    Raises DataError if the file exists or cannot be written.
+    """
+    if path.exists():
+        raise DataError(f"{path} exists and is not overwritten; choose another folder")
+    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
+    try:
+        with part.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, path)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)  # the new name itself
+        finally:
+            os.close(folder)
+    except OSError as error:
+        raise DataError(f"{path} could not be written: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)

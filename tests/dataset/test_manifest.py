@@ -1,0 +1,184 @@
+"""The manifest: complete and exact, or refused in one sentence."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from exosight.dataset.manifest import dataset_identity, read_manifest, sampled_shapes, write_manifest
+from exosight.dataset.store import write_chunk
+from exosight.errors import DataError, InputError
+from exosight.vision.camera import Camera
+
+from .conftest import CAMERA, SHAPES, describe, made_up
+
+
+def test_round_trip(dataset: Path) -> None:
+    manifest = read_manifest(dataset)
+    assert manifest == describe(list(manifest.chunks))
+    assert manifest.camera == CAMERA
+    assert sampled_shapes(manifest) == SHAPES
+    assert manifest.frames == 33
+    assert manifest.dropped == {"tip below fingertip": 2}
+
+
+def test_every_quantity_has_a_unit_in_the_file(dataset: Path) -> None:
+    quantities = json.loads((dataset / "manifest.json").read_text())["quantities"]
+    assert quantities["forces"]["unit"] == quantities["u"]["unit"] == "N"
+    assert all(entry["unit"] and entry["type"] and entry["meaning"] for entry in quantities.values())
+
+
+def test_identity_is_that_of_the_frames(dataset: Path, tmp_path: Path) -> None:
+    identity = dataset_identity(read_manifest(dataset))
+    assert json.loads(json.dumps(identity)) == identity
+
+    def elsewhere(name: str, seed: int) -> dict:
+        folder = tmp_path / name
+        folder.mkdir()
+        second = write_chunk(folder, 1, made_up(SHAPES[6:], seed=2))  # in another order, on purpose
+        first = write_chunk(folder, 0, made_up(SHAPES[:6], seed=seed))
+        return dataset_identity(describe([second, first]))
+
+    assert elsewhere("same", seed=1) == identity
+    assert elsewhere("other", seed=3) != identity
+
+
+def test_a_config_with_tuples_is_the_same_from_disk(tmp_path: Path) -> None:
+    manifest = describe([write_chunk(tmp_path, 0, made_up(SHAPES))], config={"gap": (0.0, 1e-3)})
+    write_manifest(tmp_path, manifest)
+    assert read_manifest(tmp_path) == manifest
+    assert manifest.config == {"gap": [0.0, 1e-3]}
+
+
+def test_a_manifest_is_never_overwritten(dataset: Path) -> None:
+    before = (dataset / "manifest.json").read_bytes()
+    with pytest.raises(DataError, match="not overwritten"):
+        write_manifest(dataset, read_manifest(dataset))
+    assert (dataset / "manifest.json").read_bytes() == before
+
+
+def test_chunks_must_be_there_first(tmp_path: Path) -> None:
+    chunk = write_chunk(tmp_path, 0, made_up(SHAPES))
+    (tmp_path / chunk.file).unlink()
+    with pytest.raises(DataError, match=r"chunk_0000.h5: missing"):
+        write_manifest(tmp_path, describe([chunk]))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        ({"seed": -1}, "seed"),
+        ({"config": {"path": Path()}}, "config must hold JSON values"),
+        ({"config": {"young": float("nan")}}, "config must hold JSON values"),
+        ({"load_limit": float("nan")}, "load_limit"),
+        ({"dropped": {"tip": -1}}, r"dropped\.tip"),
+    ],
+)
+def test_a_manifest_that_json_cannot_hold_is_refused(change: dict, part: str) -> None:
+    with pytest.raises(InputError, match=part):
+        describe([], **change)
+
+
+def test_a_manifest_without_chunks_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="lists no chunks"):
+        write_manifest(tmp_path, describe([]))
+
+
+def test_a_missing_folder_is_said(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match="no such folder"):
+        read_manifest(tmp_path / "nowhere")
+
+
+def test_another_folder_is_no_dataset(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"not a dataset, it has no manifest\.json"):
+        read_manifest(tmp_path)
+
+
+def test_chunks_without_a_manifest_are_an_incomplete_dataset(dataset: Path) -> None:
+    (dataset / "manifest.json").unlink()
+    with pytest.raises(DataError, match="incomplete dataset"):
+        read_manifest(dataset)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.3, 0.999])
+def test_a_truncated_manifest_is_said(dataset: Path, keep: float) -> None:
+    path = dataset / "manifest.json"
+    content = path.read_bytes()
+    path.write_bytes(content[: int(keep * len(content))])
+    with pytest.raises(DataError, match="truncated or damaged"):
+        read_manifest(dataset)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"{" * 100_000, b"[" * 100_000, b"hello"])
+def test_garbage_is_said(dataset: Path, content: bytes) -> None:
+    (dataset / "manifest.json").write_bytes(content)
+    with pytest.raises(DataError, match="truncated or damaged"):
+        read_manifest(dataset)
+
+
+@pytest.mark.parametrize("content", ["[]", "{}", '{"format": "1"}', '{"format": 0}', "3", '{"format": true}'])
+def test_other_json_is_no_manifest(dataset: Path, content: str) -> None:
+    (dataset / "manifest.json").write_text(content)
+    with pytest.raises(DataError, match=r"not the manifest of a dataset|damaged manifest"):
+        read_manifest(dataset)
+
+
+def test_a_huge_manifest_is_not_read(dataset: Path) -> None:
+    with (dataset / "manifest.json").open("ab") as file:
+        file.truncate(10**9)  # sparse: takes no disk
+    with pytest.raises(DataError, match="1000000000 bytes, more than any manifest needs"):
+        read_manifest(dataset)
+
+
+def set_chunk(**change):
+    return lambda values: values["chunks"][0].update(change)
+
+
+@pytest.mark.parametrize(
+    ("change", "part"),
+    [
+        (lambda v: v.update(format=2), "format 2, written by a newer exosight"),
+        (lambda v: v.pop("seed"), "seed"),
+        (lambda v: v.update(seed="0"), "seed"),
+        (lambda v: v.update(extra=1), "extra"),
+        (lambda v: v.update(load_limit=float("nan")), "load_limit"),
+        (lambda v: v["camera"].update(width=10**9), "camera.width"),
+        (lambda v: v["camera"].update(metres_per_pixel=0), "camera.metres_per_pixel"),
+        (lambda v: v.update(chunks=[]), "lists no chunks"),
+        (lambda v: v["chunks"].append(v["chunks"][0]), "a chunk twice"),
+        (lambda v: v.update(families=["square"]), "square"),
+        (lambda v: v.update(scenarios=["square"]), "square"),
+        (lambda v: v["shapes"][1].update(shape_id=0), "two shapes alike"),
+        (lambda v: v["shapes"][1].update(family="spline"), "unknown family 'spline'"),
+        (lambda v: v["shapes"][1].update(length=-1), "length"),
+        (lambda v: v.update(dofs=10**12), "dofs"),
+        (set_chunk(file="../chunk_0000.h5"), "chunks.0.file"),
+        (set_chunk(file="/etc/passwd"), "chunks.0.file"),
+        (set_chunk(file="sub/chunk_0000.h5"), "chunks.0.file"),
+        (set_chunk(file="chunk_0000.h5\n"), "chunks.0.file"),
+        (set_chunk(sha256="abc"), "chunks.0.sha256"),
+        (set_chunk(frames=0), "chunks.0.frames"),
+        (set_chunk(frames=10**15), "chunks.0.frames"),
+    ],
+)
+def test_a_damaged_entry_is_one_sentence(dataset: Path, edit_manifest, change, part: str) -> None:
+    edit_manifest(change)
+    with pytest.raises(DataError) as caught:
+        read_manifest(dataset)
+    assert part in str(caught.value)
+    assert "manifest.json" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_more_images_than_memory_are_refused(dataset: Path, edit_manifest) -> None:
+    edit_manifest(set_chunk(frames=100_000_000))
+    edit_manifest(lambda values: values["camera"].update(width=8192, height=8192))
+    with pytest.raises(DataError, match="GiB of memory"):
+        read_manifest(dataset)
+
+
+def test_other_cameras_are_kept_exactly(tmp_path: Path) -> None:
+    camera = Camera(centre=(0.1, -1 / 3), metres_per_pixel=1 / 7000, width=6, height=4)
+    write_manifest(tmp_path, describe([write_chunk(tmp_path, 0, made_up(SHAPES))], camera=camera))
+    assert read_manifest(tmp_path).camera == camera
