@@ -1,0 +1,65 @@
+"""Contact forces from images: the interface that control sees, and the trained network behind it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from jaxtyping import Float32, UInt8
+
+from exosight.errors import DataError, InputError
+from exosight.learning.model_file import ModelCard, open_model
+
+# At this many 128×128 images the paper network's first layer holds 260 MB.
+_BATCH = 64
+
+
+class Estimator(Protocol):
+    """Contact forces from images; all that control knows of an estimator."""
+
+    def estimate(self, images: UInt8[np.ndarray, "frames height width"]) -> Float32[np.ndarray, "frames 7"]:
+        """Forces on C1…C7 [N], one row an image."""
+        ...
+
+
+@dataclass(frozen=True)
+class OnnxEstimator:
+    """A trained network, run by ONNX Runtime on the CPU; needs no PyTorch."""
+
+    session: Any
+    """onnxruntime.InferenceSession"""
+    card: ModelCard
+    """what was trained on what"""
+
+    @staticmethod
+    def load(path: Path, threads: int = 1) -> "OnnxEstimator":
+        """Open an estimator that `export_onnx` wrote.
+
+        threads   for one image at 10 Hz one thread is plenty, and leaves the other cores to the plant
+
+        Raises DataError if the file is missing, truncated, changed, or no estimator of exosight.
+        """
+        session, card = open_model(path, threads)
+        return OnnxEstimator(session, card)
+
+    def estimate(self, images: np.ndarray) -> Float32[np.ndarray, "frames 7"]:
+        """Forces on C1…C7 [N], one row an image.
+
+        images    (frames, height, width)  uint8 gray values, of the size that the network was trained on
+
+        Raises InputError for images of another type or size, DataError if the network answers no number.
+        """
+        size = (self.card.image_height, self.card.image_width)
+        if images.dtype != np.uint8 or images.ndim != 3 or images.shape[1:] != size:
+            raise InputError(
+                f"images: this estimator needs uint8 (frames, {size[0]}, {size[1]}), got {images.dtype} "
+                f"{images.shape}; render or resize them to {size[0]}×{size[1]} pixels"
+            )
+        forces = np.empty((len(images), len(self.card.contacts)), np.float32)
+        for start in range(0, len(images), _BATCH):
+            part = slice(start, start + _BATCH)
+            scaled = images[part, None].astype(np.float32) / np.float32(255)
+            forces[part] = self.session.run(["forces"], {"image": scaled})[0]
+        if not np.isfinite(forces).all():
+            raise DataError("the network answers forces that are not finite; train and export it again")
+        return forces

@@ -1,0 +1,234 @@
+"""The checkpoint file: everything from which a killed run goes on exactly, and the best network so far.
+
+One safetensors file: tensors `network.*` (now), `best.*` (lowest validation loss), `optimizer.exp_avg.*` and
+`optimizer.exp_avg_sq.*` (Adam's moments); in its header, as text, the JSON of the rest
+of `Checkpoint` and a SHA-256 over everything. Nothing in it is ever executed.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import pydantic
+import safetensors.torch
+import torch
+from torch import Tensor, nn
+
+import exosight
+from exosight.errors import DataError, InputError
+from exosight.learning.config import Settings
+from exosight.learning.files import write_atomically
+from exosight.learning.frames import CONTACTS
+from exosight.learning.history import EpochRecord
+from exosight.learning.networks import ForceModel, ImageSize, build_network
+
+CHECKPOINT_NAME = "checkpoint.safetensors"
+MOMENTS = ("exp_avg", "exp_avg_sq")
+_FORMAT = 1
+
+
+@dataclass(frozen=True)
+class RunIdentity:
+    """What a run is: it goes on only where all of this is the same."""
+
+    settings: Settings
+    data_identity: dict[str, str | int | float]
+    fingerprint: str
+    """SHA-256 of images, forces and both index arrays"""
+    image_size: ImageSize
+    force_scale: tuple[float, ...]
+    """newtons that one unit of the network's output stands for, C1…C7"""
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where a run stands."""
+
+    epoch: int = 0
+    """epochs completed"""
+    batch: int = 0
+    """steps done in the epoch under way"""
+    step: int = 0
+    """steps since the start"""
+    loss_sum: float = 0.0
+    """sum of the losses of the epoch's images so far"""
+    seconds: float = 0.0
+    """time spent training [s]"""
+    best_epoch: int = 0
+    """the epoch whose network is kept as the best, 0 before the first validation"""
+    complete: bool = False
+    """whether the run has come to its end"""
+
+
+@dataclass(frozen=True)
+class Versions:
+    """What wrote the checkpoint."""
+
+    exosight: str
+    torch: str
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A run at one moment; `tensors` are on the CPU."""
+
+    run: RunIdentity
+    position: Position
+    history: tuple[EpochRecord, ...]
+    versions: Versions
+    tensors: Mapping[str, Tensor]
+
+
+@dataclass(frozen=True)
+class _Header:
+    format: int
+    run: RunIdentity
+    position: Position
+    history: tuple[EpochRecord, ...]
+    versions: Versions
+
+
+_HEADER = pydantic.TypeAdapter(_Header)
+
+
+def save_checkpoint(
+    folder: Path,
+    run: RunIdentity,
+    position: Position,
+    history: tuple[EpochRecord, ...],
+    tensors: Mapping[str, Tensor],
+) -> None:
+    """Write the checkpoint of a run into its folder, whole or not at all."""
+    versions = Versions(exosight.__version__, torch.__version__)
+    header = json.dumps(asdict(_Header(_FORMAT, run, position, history, versions)), allow_nan=False)
+    plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    data = safetensors.torch.save(plain, {"exosight": header, "sha256": _digest(header, plain)})
+    write_atomically(folder / CHECKPOINT_NAME, data)
+
+
+def load_checkpoint(source: Path) -> Checkpoint:
+    """Read a checkpoint file, or the one in a run's folder.
+
+    Raises DataError if it is missing, truncated, damaged, of another format, or does not fit its own network.
+    """
+    path = source / CHECKPOINT_NAME if source.is_dir() else source
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(
+            f"{path}: cannot be read ({error.strerror}); expected a training run's checkpoint"
+        ) from error
+    try:
+        tensors = safetensors.torch.load(data)
+        texts = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])["__metadata__"]
+        written, digest = texts["exosight"], texts["sha256"]
+    except (safetensors.SafetensorError, ValueError, KeyError, TypeError) as error:
+        raise DataError(
+            f"{path}: not a checkpoint of exosight, or damaged; train again or use a copy"
+        ) from error
+    if digest != _digest(written, tensors):
+        raise DataError(f"{path}: damaged, its checksum does not fit its contents; train again or use a copy")
+    try:
+        header = _HEADER.validate_json(written)
+    except pydantic.ValidationError as error:
+        raise DataError(
+            f"{path}: written by another version of exosight ({_first(error)}); use that one"
+        ) from error
+    if header.format != _FORMAT:
+        raise DataError(f"{path}: checkpoint format {header.format}, this exosight reads {_FORMAT}")
+    checkpoint = Checkpoint(header.run, header.position, header.history, header.versions, tensors)
+    if problem := _contradiction(checkpoint):
+        raise DataError(f"{path}: contradicts itself: {problem}; train again or use a copy")
+    return checkpoint
+
+
+def load_model(source: Path) -> ForceModel:
+    """Rebuild the best network of a run, ready to use on the CPU.
+
+    Raises DataError as `load_checkpoint` does, and if the run has not been validated yet.
+    """
+    checkpoint = load_checkpoint(source)
+    if checkpoint.position.best_epoch == 0:
+        raise DataError(f"{source}: the run stopped before its first validation; resume it")
+    run = checkpoint.run
+    network = build_network(run.settings.network, run.image_size, run.settings.seed)
+    network.load_state_dict(_part(checkpoint.tensors, "best."))
+    return ForceModel(network, torch.tensor(run.force_scale, dtype=torch.float32)).eval()
+
+
+def collect_tensors(
+    network: nn.Module, best: Mapping[str, Tensor], optimizer: torch.optim.Optimizer
+) -> dict[str, Tensor]:
+    """Name every tensor of a run as the checkpoint file does."""
+    tensors = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
+    tensors |= {f"best.{name}": tensor for name, tensor in best.items()}
+    for name, parameter in network.named_parameters():
+        for moment in MOMENTS:
+            tensors[f"optimizer.{moment}.{name}"] = optimizer.state[parameter][moment]
+    return tensors
+
+
+def restore_tensors(
+    checkpoint: Checkpoint, network: nn.Module, best: Mapping[str, Tensor], optimizer: torch.optim.Optimizer
+) -> None:
+    """Copy a checkpoint's tensors into the network, its best copy and the optimiser, in place.
+
+    In place, since a tensor laid out otherwise in memory may be summed in another order.
+    """
+    with torch.no_grad():
+        for name, tensor in collect_tensors(network, best, optimizer).items():
+            tensor.copy_(checkpoint.tensors[name])
+        for state in optimizer.state.values():
+            state["step"].fill_(checkpoint.position.step)
+
+
+def _digest(header: str, tensors: Mapping[str, Tensor]) -> str:
+    digest = hashlib.sha256(header.encode())
+    for name in sorted(tensors):
+        tensor = tensors[name]
+        digest.update(f"{name}{tensor.dtype}{tuple(tensor.shape)}".encode())
+        digest.update(tensor.reshape(-1).view(torch.uint8).numpy().data)
+    return digest.hexdigest()
+
+
+def _contradiction(checkpoint: Checkpoint) -> str | None:
+    """Say where the header and the tensors, or the header and itself, disagree; None where they do not."""
+    run, position, history = checkpoint.run, checkpoint.position, checkpoint.history
+    if len(run.force_scale) != len(CONTACTS) or not all(0 < x < math.inf for x in run.force_scale):
+        return f"force_scale is {run.force_scale}"
+    if [record.epoch for record in history] != list(range(1, position.epoch + 1)):
+        return f"{position.epoch} epochs done, but {len(history)} in the history"
+    validated = {record.epoch for record in history if record.validation_loss is not None}
+    if min(position.batch, position.step) < 0 or position.best_epoch not in validated | {0}:
+        return f"the position is {position}"
+    try:
+        # No memory is taken for the weights, however large an image size the header claims.
+        with torch.device("meta"):
+            network = build_network(run.settings.network, run.image_size, run.settings.seed)
+    except InputError as error:
+        return str(error)
+    optimizer = torch.optim.AdamW(network.parameters())
+    for parameter in network.parameters():
+        optimizer.state[parameter] = dict.fromkeys(MOMENTS, parameter)
+    expected = collect_tensors(network, network.state_dict(), optimizer)
+    if expected.keys() != checkpoint.tensors.keys():
+        odd = sorted(expected.keys() ^ checkpoint.tensors.keys())[0]
+        return f"{odd} is in only one of the {run.settings.network} network and the file"
+    for name, tensor in checkpoint.tensors.items():
+        if tensor.shape != expected[name].shape or tensor.dtype != expected[name].dtype:
+            return f"{name} is {tensor.dtype} {tuple(tensor.shape)} in the file"
+        if not tensor.isfinite().all():
+            return f"{name} is not finite"
+    return None
+
+
+def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
+    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
+
+
+def _first(error: pydantic.ValidationError) -> str:
+    problem = error.errors()[0]
+    return f"{'.'.join(str(part) for part in problem['loc'])}: {problem['msg']}"

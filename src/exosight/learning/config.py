@@ -1,0 +1,73 @@
+"""What a user chooses about a training run; usable without PyTorch."""
+
+import dataclasses
+import os
+from typing import Annotated, Literal
+
+import pydantic
+from pydantic.dataclasses import dataclass
+
+from exosight.learning.recipes import RECIPES
+
+NetworkName = Literal["light", "paper"]
+RecipeName = Literal["modern", "paper"]
+
+_RECIPE_OF_NETWORK: dict[NetworkName, RecipeName] = {"light": "modern", "paper": "paper"}
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """One training run: the network brings its recipe, the recipe its epochs and learning rate."""
+
+    network: NetworkName = "light"
+    """light: 14 M multiply-adds an image, made for a CPU; paper: the published network, 78,847 parameters"""
+    recipe: RecipeName | None = None
+    """modern: one-cycle AdamW; paper: Adam until a plateau; default: modern for light, paper for paper"""
+    epochs: Annotated[int, pydantic.Field(ge=1, le=100_000)] | None = None
+    """passes over the training part; default: the recipe's (paper: at most, it stops when it stalls)"""
+    learning_rate: Annotated[float, pydantic.Field(gt=0, le=1)] | None = None
+    """largest learning rate; default: the recipe's"""
+    batch: Annotated[int, pydantic.Field(ge=4, le=65_536)] = 64
+    """images a step"""
+    seed: Annotated[int, pydantic.Field(ge=0, lt=2**63)] = 0
+    """decides the first weights and the order of the images"""
+    threads: Annotated[int, pydantic.Field(ge=1, le=1024)] | None = None
+    """CPU threads; default: one a core. Another count rounds differently in the last digit"""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """where to train; auto: the GPU where there is one"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """A `TrainConfig` with every default spelled out, as a checkpoint keeps it."""
+
+    network: NetworkName
+    recipe: RecipeName
+    epochs: int
+    learning_rate: float
+    batch: int
+    seed: int
+    threads: int
+    device: Literal["cpu", "cuda"]
+
+
+def resolve(config: TrainConfig, device: Literal["cpu", "cuda"]) -> Settings:
+    """Spell out the defaults; which device `auto` means only PyTorch can tell, so it is given."""
+    recipe = config.recipe or _RECIPE_OF_NETWORK[config.network]
+    return Settings(
+        network=config.network,
+        recipe=recipe,
+        epochs=config.epochs or RECIPES[recipe].epochs,
+        learning_rate=config.learning_rate or RECIPES[recipe].learning_rate,
+        batch=config.batch,
+        seed=config.seed,
+        threads=config.threads or _cores(),
+        device=device,
+    )
+
+
+def _cores() -> int:
+    """Count the cores that this process may use, which under a scheduler are fewer than the machine's."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

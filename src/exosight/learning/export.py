@@ -1,0 +1,145 @@
+"""Export: a trained network as one ONNX file that needs neither PyTorch nor exosight to run."""
+
+import contextlib
+import logging
+import os
+import warnings
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+
+import exosight
+from exosight.errors import DataError, InputError
+from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
+from exosight.learning.files import write_atomically
+from exosight.learning.frames import CONTACTS
+from exosight.learning.model_file import ModelCard, card_to_metadata, open_session, seal
+from exosight.learning.networks import ForceModel
+
+# Operator set 18 with file format 8, both of ONNX 1.13 (2022): the oldest that PyTorch writes, so that
+# MATLAB's importNetworkFromONNX and other readers that lag behind can follow.
+_OPERATOR_SET = 18
+_FILE_FORMAT = 8
+
+_TOLERANCE = 1e-5
+"""Float32 keeps seven digits and a forward pass sums a few hundred terms; measured: about 5e-7."""
+
+
+def export_onnx(source: Path, path: Path) -> ModelCard:
+    """Write the best network of a run as an ONNX file, after checking it against ONNX Runtime.
+
+    Its input `image` is float32 (batch, 1, height, width) in [0, 1], its output `forces` float32 (batch, 7),
+    C1…C7 [N].
+
+    source   a run's folder, or its checkpoint
+    returns  what the file's metadata say
+
+    Raises InputError if `path` exists, DataError if the checkpoint cannot be used or the exported network
+    answers otherwise than the trained one.
+    """
+    if path.exists():
+        raise InputError(f"{path}: exists already; choose another name")
+    checkpoint, model = load_checkpoint(source), load_model(source)
+    card = _card(checkpoint)
+    proto = _convert(model, card)
+    _verify(proto, model, card)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, seal(proto.SerializeToString()))
+    return card
+
+
+def _card(checkpoint: Checkpoint) -> ModelCard:
+    run, best = checkpoint.run, checkpoint.history[checkpoint.position.best_epoch - 1]
+    return ModelCard(
+        exosight_version=exosight.__version__,
+        network=run.settings.network,
+        seed=run.settings.seed,
+        image_height=run.image_size[0],
+        image_width=run.image_size[1],
+        input="gray image, float32 in 0…1, (batch, 1, height, width)",
+        contacts=CONTACTS,
+        unit="N",
+        epoch=best.epoch,
+        validation_l1=best.validation_l1 or 0.0,
+        training=asdict(run.settings),
+        data=run.data_identity,
+    )
+
+
+def _convert(model: ForceModel, card: ModelCard) -> onnx.ModelProto:
+    """Trace the network, and keep only the graph: around it PyTorch writes paths of this machine."""
+    example = torch.zeros(2, 1, card.image_height, card.image_width)
+    with _quiet():
+        program = torch.onnx.export(
+            model,
+            (example,),
+            dynamo=True,
+            input_names=["image"],
+            output_names=["forces"],
+            dynamic_shapes={"image": {0: torch.export.Dim("batch")}},
+            opset_version=_OPERATOR_SET,
+            external_data=False,
+            verbose=False,
+        )
+    if program is None:
+        raise DataError("PyTorch exported nothing; is the extra exosight[train] installed as a whole?")
+    graph = program.model_proto.graph
+    for part in [*graph.node, *graph.input, *graph.output, *graph.initializer]:
+        part.ClearField("metadata_props")
+        part.ClearField("doc_string")
+    clean = onnx.helper.make_graph(
+        graph.node, "forces_from_image", graph.input, graph.output, graph.initializer
+    )
+    proto = onnx.helper.make_model(
+        clean,
+        ir_version=_FILE_FORMAT,
+        opset_imports=[onnx.helper.make_opsetid("", _OPERATOR_SET)],
+        producer_name="exosight",
+        producer_version=exosight.__version__,
+    )
+    onnx.helper.set_model_props(proto, card_to_metadata(card))
+    onnx.checker.check_model(proto, full_check=True)
+    return proto
+
+
+def _verify(proto: onnx.ModelProto, model: ForceModel, card: ModelCard) -> None:
+    """Compare both networks on random images, before the limit at zero: behind it, wrong may look right."""
+    unlimited = onnx.ModelProto()
+    unlimited.CopyFrom(proto)
+    last = unlimited.graph.node.pop()
+    last_but_one = unlimited.graph.node[-1]
+    if (last.op_type, list(last.input)) != ("Relu", list(last_but_one.output)):
+        raise DataError(f"the exported network ends in {last.op_type}, not in the limit at zero")
+    last_but_one.output[0] = "forces"
+    session, _ = open_session(unlimited.SerializeToString(), 1, "the exported network")
+
+    generator = np.random.default_rng(0)
+    images = generator.random((8, 1, card.image_height, card.image_width), dtype=np.float32)
+    images *= np.linspace(0, 1, 8, dtype=np.float32)[:, None, None, None]
+    with torch.inference_mode():
+        expected = (model.network(torch.from_numpy(images)) * model.scale).numpy()
+    error = np.abs(np.asarray(session.run(["forces"], {"image": images})[0]) - expected).max()
+    limit = _TOLERANCE * max(1.0, float(np.abs(expected).max()))
+    if not error <= limit:
+        raise DataError(
+            f"the exported network differs from the trained one by {error:.1e} N, allowed are {limit:.1e} N; "
+            "nothing was written"
+        )
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep PyTorch's exporter from printing, and from warning about its own code."""
+    logger = logging.getLogger("torch.onnx")
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
+        with warnings.catch_warnings(), open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere):
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        logger.setLevel(level)

@@ -1,0 +1,95 @@
+"""The frames of a run: what is accepted, their scale, their order, their fingerprint."""
+
+import hashlib
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float32, Float64, Int64, Integer
+
+from exosight.errors import InputError
+
+CONTACTS = ("C1", "C2", "C3", "C4", "C5", "C6", "C7")
+
+# A contact that (nearly) never carries load has a standard deviation of (nearly) zero. Dividing by that would
+# make its round-off the loudest part of the loss; taking 1 N instead would let the network answer a contact
+# that is always zero with errors as large as the true forces elsewhere. One hundredth of the largest scale
+# keeps both small, and lies well under the ratio of the paper's own contacts (0.17 N to 3.7 N).
+_SMALLEST_SCALE = 0.01
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What a network learns from, and what chooses its best epoch."""
+
+    images: np.ndarray
+    """(frames, height, width) uint8 gray values"""
+    forces: np.ndarray
+    """(frames, 7) float32, C1…C7 [N]"""
+    train_index: np.ndarray
+    """(n,) frames to learn from"""
+    validation_index: np.ndarray
+    """(m,) frames to validate on"""
+
+
+def check_frames(frames: Frames) -> None:
+    """Refuse frames that cannot be learned from.
+
+    Raises InputError for a wrong type, shape or length, a force that is negative or not finite, an empty
+    part, an index outside the frames, and a frame in both parts.
+    """
+    images, forces = frames.images, frames.forces
+    indices = {"train_index": (frames.train_index, 2), "validation_index": (frames.validation_index, 1)}
+    if images.ndim != 3 or images.dtype != np.uint8:
+        raise InputError(f"images: expected uint8 (frames, height, width), got {images.dtype} {images.shape}")
+    expected = (len(images), len(CONTACTS))
+    if forces.shape != expected or forces.dtype != np.float32:
+        raise InputError(
+            f"forces: expected float32 {expected}, one row of C1…C7 in newtons an image, "
+            f"got {forces.dtype} {forces.shape}"
+        )
+    bad = np.flatnonzero(~np.isfinite(forces).all(axis=1) | (forces < 0).any(axis=1))
+    if bad.size:
+        raise InputError(
+            f"forces: expected finite magnitudes of at least 0 N, got {forces[bad[0]].tolist()} in frame "
+            f"{bad[0]} ({bad.size} such frames); drop frames that did not converge"
+        )
+    for name, (index, least) in indices.items():
+        if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
+            raise InputError(f"{name}: expected a list of integers, got {index.dtype} {index.shape}")
+        if len(index) < least:
+            raise InputError(f"{name}: expected at least {least} frames, got {len(index)}; use more shapes")
+        if index.min() < 0 or index.max() >= len(images):
+            raise InputError(
+                f"{name}: expected frame numbers from 0 to {len(images) - 1}, got {index.min()}…{index.max()}"
+            )
+    shared = np.intersect1d(frames.train_index, frames.validation_index).size
+    if shared:
+        raise InputError(f"train_index and validation_index share {shared} frames; split them apart")
+
+
+def force_scale(forces: Float32[np.ndarray, "frames 7"]) -> Float64[np.ndarray, "7"]:
+    """Standard deviation of each contact [N], at least a hundredth of the largest; 1 N if nothing varies."""
+    deviation = forces.std(axis=0, dtype=np.float64)
+    if not deviation.any():
+        return np.ones_like(deviation)
+    return np.maximum(deviation, _SMALLEST_SCALE * deviation.max())
+
+
+def epoch_batches(
+    index: Integer[np.ndarray, " n"], batch: int, seed: int, epoch: int
+) -> list[Int64[np.ndarray, " step"]]:
+    """Every frame once, in an order that follows from seed and epoch alone, in steps of at most `batch`.
+
+    The steps are equal to within one frame: a last step of a single image would upset batch normalisation.
+    """
+    order = np.random.default_rng([seed, epoch]).permutation(index.astype(np.int64))
+    return np.array_split(order, -(-len(order) // batch))
+
+
+def fingerprint(frames: Frames) -> str:
+    """SHA-256 over types, shapes and contents: tells a resumed run whether the data are the same."""
+    digest = hashlib.sha256()
+    for array in (frames.images, frames.forces, frames.train_index, frames.validation_index):
+        digest.update(f"{array.dtype.str}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+    return digest.hexdigest()

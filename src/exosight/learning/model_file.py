@@ -1,0 +1,119 @@
+"""The ONNX file of an estimator: what its metadata say, its seal, and opening it; usable without PyTorch.
+
+The seal is one more metadata entry at the very end of the file, a SHA-256 of all bytes before it. Protocol
+buffers may be continued by appending, so any ONNX reader sees an ordinary model.
+"""
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import pydantic
+
+from exosight.errors import DataError
+
+# ModelProto.metadata_props (field 14, 74 bytes) = {key (field 1): "sha256", value (field 2): 64 hex digits}
+_SEAL_START = b"\x72\x4a\x0a\x06sha256\x12\x40"
+
+
+@dataclass(frozen=True)
+class ModelCard:
+    """What travels with a network for its whole life, one metadata entry a field."""
+
+    exosight_version: str
+    network: str
+    seed: int
+    image_height: int
+    """[pixels]"""
+    image_width: int
+    """[pixels]"""
+    input: str
+    contacts: tuple[str, ...]
+    unit: str
+    epoch: int
+    """of the training, the one with the lowest validation loss"""
+    validation_l1: float
+    """mean absolute error on the validation part [N]"""
+    training: dict[str, str | int | float]
+    """the settings of the training run"""
+    data: dict[str, str | int | float]
+    """identity of the frames learned from, camera included"""
+
+
+_CARD = pydantic.TypeAdapter(ModelCard)
+
+
+def card_to_metadata(card: ModelCard) -> dict[str, str]:
+    """Spell a card as ONNX metadata: text as it is, everything else as JSON."""
+    return {
+        key: value if isinstance(value, str) else json.dumps(value) for key, value in asdict(card).items()
+    }
+
+
+def seal(model: bytes) -> bytes:
+    """Append the checksum to a serialised ONNX model."""
+    return model + _SEAL_START + hashlib.sha256(model).hexdigest().encode()
+
+
+def open_model(path: Path, threads: int) -> tuple[Any, ModelCard]:
+    """Open a sealed ONNX file for inference on the CPU; nothing in it is executed but ONNX's own operators.
+
+    returns  the onnxruntime.InferenceSession, and what the metadata say
+
+    Raises DataError if it is missing, truncated, changed, or no estimator of exosight.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(
+            f"{path}: cannot be read ({error.strerror}); expected an exported ONNX estimator"
+        ) from error
+    if seal(data[: -len(_SEAL_START) - 64]) != data:
+        raise DataError(
+            f"{path}: not an estimator that exosight exported, or truncated or changed; export it again"
+        )
+    return open_session(data, threads, str(path))
+
+
+def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
+    """Open a serialised model; `name` is what an error calls it.
+
+    Raises DataError if ONNX Runtime refuses the model, if weights lie in another file, or if the card is not
+    that of an estimator.
+    """
+    # Set before the import: on Linux it writes a device id to disk, and can report usage.
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # it would print what is raised below
+    # A model may name files that hold its weights: look for them where no file can be.
+    options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
+    try:
+        session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # its exceptions share no base of their own
+        raise DataError(f"{name}: ONNX Runtime cannot use this model ({str(error)[:200]})") from error
+    texts = session.get_modelmeta().custom_metadata_map
+    try:
+        card = _CARD.validate_python({field.name: _value(field.name, texts) for field in fields(ModelCard)})
+    except (KeyError, ValueError) as error:
+        raise DataError(f"{name}: not an estimator of this version of exosight; export it again") from error
+    inputs = [(node.name, node.type, node.shape[1:]) for node in session.get_inputs()]
+    outputs = [(node.name, node.type, node.shape[1:]) for node in session.get_outputs()]
+    if inputs != [("image", "tensor(float)", [1, card.image_height, card.image_width])] or outputs != [
+        ("forces", "tensor(float)", [len(card.contacts)])
+    ]:
+        raise DataError(
+            f"{name}: inputs {inputs} and outputs {outputs} do not fit its metadata; export it again"
+        )
+    return session, card
+
+
+def _value(name: str, texts: dict[str, str]) -> object:
+    is_text = ModelCard.__annotations__[name] is str
+    return texts[name] if is_text else json.loads(texts[name])

@@ -1,0 +1,234 @@
+"""Training: frames in memory, a network out, a checkpoint and the loss curves in a folder along the way."""
+
+import contextlib
+import json
+import math
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float, Float32, Integer, UInt8
+from torch import Tensor, nn
+
+from exosight.errors import InputError
+from exosight.learning.checkpoint import Position, RunIdentity
+from exosight.learning.config import Settings, TrainConfig, resolve
+from exosight.learning.frames import CONTACTS, Frames, check_frames, epoch_batches, fingerprint, force_scale
+from exosight.learning.history import EpochRecord
+from exosight.learning.networks import ForceModel
+from exosight.learning.recipes import RECIPES
+from exosight.learning.run import Run, copy_of, open_run
+
+CHECKPOINT_SECONDS = 30.0
+"""Within a long epoch, the most work a killed run loses [s]; every epoch ends in a checkpoint anyway."""
+
+_VALIDATION_BATCH = 256
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a run is, told after every step."""
+
+    epoch: int
+    """the one under way, from 1"""
+    epochs: int
+    """the last one at most"""
+    step: int
+    """steps done"""
+    steps: int
+    """steps in all, at most"""
+    latest: EpochRecord | None
+    """the last completed epoch"""
+
+
+@dataclass(frozen=True)
+class TrainResult:
+    """A completed run; the network kept is that of the lowest validation loss."""
+
+    folder: Path
+    history: tuple[EpochRecord, ...]
+    best: EpochRecord
+
+
+def train(
+    config: TrainConfig,
+    images: UInt8[np.ndarray, "frames height width"],
+    forces: Float32[np.ndarray, "labels contacts"],
+    train_index: Integer[np.ndarray, " training"],
+    validation_index: Integer[np.ndarray, " validation"],
+    folder: Path,
+    data_identity: Mapping[str, str | int | float],
+    *,
+    resume: bool = False,
+    progress: Callable[[Progress], None] | None = None,
+) -> TrainResult:
+    """Train a network; with `resume`, go on exactly (on a CPU to the last bit) where a run was stopped.
+
+    images            uint8 gray values
+    forces            on C1…C7 [N]
+    train_index       frames to learn from
+    validation_index  frames that choose the best epoch
+    folder            gets `checkpoint.safetensors` and `history.csv`; other files in it are left alone
+    data_identity     what the frames are (camera, seed, versions …): kept with the network for its whole life
+
+    Raises InputError for frames that cannot be learned from, a folder that already holds a run, a run to be
+    resumed that is another one, and a loss that is no longer finite; DataError for a damaged checkpoint.
+    """
+    frames = Frames(images, forces, train_index, validation_index)
+    check_frames(frames)
+    settings = resolve(config, _device(config.device))
+    scales = RECIPES[settings.recipe].scales_forces
+    identity = RunIdentity(
+        settings=settings,
+        data_identity=_plain(data_identity),
+        fingerprint=fingerprint(frames),
+        image_size=(images.shape[1], images.shape[2]),
+        force_scale=tuple(force_scale(forces[train_index]).tolist()) if scales else (1.0,) * len(CONTACTS),
+    )
+    with _compute(settings):
+        run = open_run(identity, folder, resume)
+        while not run.position.complete:
+            _run_epoch(run, frames, progress)
+    return TrainResult(folder, run.history, run.history[run.position.best_epoch - 1])
+
+
+def _run_epoch(run: Run, frames: Frames, progress: Callable[[Progress], None] | None) -> None:
+    """Take a run from where it stands to the end of its epoch."""
+    settings, epoch = run.identity.settings, run.position.epoch + 1
+    started = time.perf_counter() - run.position.seconds
+    rate = _run_steps(run, frames, started, progress)
+    loss = l1 = None
+    if epoch % run.recipe.validate_every == 0 or epoch == settings.epochs:
+        loss, l1 = _validate(run, frames)
+        _require_finite(loss, "validation loss", epoch, settings)
+    record = EpochRecord(
+        epoch=epoch,
+        step=run.position.step,
+        learning_rate=rate,
+        train_loss=run.position.loss_sum / len(frames.train_index),
+        validation_loss=loss,
+        validation_l1=l1,
+        seconds=time.perf_counter() - started,
+    )
+    best_epoch = run.position.best_epoch
+    if loss is not None and loss < run.best_loss:
+        run.best, best_epoch = copy_of(run.network), epoch
+    run.history = (*run.history, record)
+    run.position = Position(
+        epoch=epoch,
+        step=record.step,
+        seconds=record.seconds,
+        best_epoch=best_epoch,
+        complete=epoch == settings.epochs or run.recipe.stalled(run.history),
+    )
+    run.save()
+
+
+def _run_steps(
+    run: Run, frames: Frames, started: float, progress: Callable[[Progress], None] | None
+) -> float:
+    """Take the steps left in the epoch, with a checkpoint now and then; returns the last learning rate."""
+    settings, epoch = run.identity.settings, run.position.epoch + 1
+    batches = epoch_batches(frames.train_index, settings.batch, settings.seed, epoch)
+    steps = settings.epochs * len(batches)
+    latest = run.history[-1] if run.history else None
+    # A resumed epoch may have no step left, yet its record names the rate of its last one.
+    rate = run.recipe.rate(settings.learning_rate, max(run.position.step - 1, 0), steps, run.history)
+    saved = time.perf_counter()
+    for chosen in batches[run.position.batch :]:
+        rate = run.recipe.rate(settings.learning_rate, run.position.step, steps, run.history)
+        loss = _step(run, *_tensors(frames, chosen, settings.device), rate)
+        _require_finite(loss, "loss", epoch, settings)
+        now = time.perf_counter()
+        run.position = replace(
+            run.position,
+            batch=run.position.batch + 1,
+            step=run.position.step + 1,
+            loss_sum=run.position.loss_sum + loss * len(chosen),
+            seconds=now - started,
+        )
+        if now - saved >= CHECKPOINT_SECONDS:
+            run.save()
+            saved = now
+        if progress is not None:
+            progress(Progress(epoch, settings.epochs, run.position.step, steps, latest))
+    return rate
+
+
+def _step(
+    run: Run, images: Float[Tensor, "batch 1 height width"], forces: Float[Tensor, "batch 7"], rate: float
+) -> float:
+    """Take one step on L1 in units of the scale; returns the loss before it."""
+    for group in run.optimizer.param_groups:
+        group["lr"] = rate
+    run.network.train()
+    run.optimizer.zero_grad()
+    loss = nn.functional.l1_loss(run.network(images), forces / run.scale)
+    loss.backward()
+    run.optimizer.step()
+    return loss.item()
+
+
+def _validate(run: Run, frames: Frames) -> tuple[float, float]:
+    """L1 in units of the scale, and L1 in newtons, of the forces that the network would answer in use."""
+    model = ForceModel(run.network, run.scale).eval()
+    index = frames.validation_index
+    totals = torch.zeros(2, dtype=torch.float64)
+    with torch.inference_mode():
+        for start in range(0, len(index), _VALIDATION_BATCH):
+            chosen = index[start : start + _VALIDATION_BATCH]
+            images, forces = _tensors(frames, chosen, run.identity.settings.device)
+            error = (model(images) - forces).abs()
+            totals += torch.stack([(error / run.scale).double().mean(), error.double().mean()]).cpu() * len(
+                chosen
+            )
+    loss, l1 = (totals / len(index)).tolist()
+    return loss, l1
+
+
+def _tensors(
+    frames: Frames, index: Integer[np.ndarray, " batch"], device: str
+) -> tuple[Float[Tensor, "batch 1 height width"], Float[Tensor, "batch 7"]]:
+    """A batch: images in [0, 1], forces [N]. The frames stay uint8 in memory until here."""
+    images = torch.from_numpy(frames.images[index]).to(device).float().div_(255.0).unsqueeze(1)
+    return images, torch.from_numpy(frames.forces[index]).to(device)
+
+
+def _require_finite(loss: float, name: str, epoch: int, settings: Settings) -> None:
+    if not math.isfinite(loss):
+        raise InputError(
+            f"the {name} is {loss} in epoch {epoch}: training has diverged; start again in a new folder "
+            f"with a learning rate below {settings.learning_rate:g}"
+        )
+
+
+def _plain(identity: Mapping[str, str | int | float]) -> dict[str, str | int | float]:
+    """Return the identity as its JSON reads back, so that a resumed run compares equal."""
+    try:
+        return json.loads(json.dumps(dict(identity), allow_nan=False))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"data_identity: expected text and finite numbers, got {dict(identity)}") from error
+
+
+def _device(wanted: Literal["auto", "cpu", "cuda"]) -> Literal["cpu", "cuda"]:
+    if wanted == "auto":
+        return "cuda" if torch.cuda.is_available() else "cpu"
+    if wanted == "cuda" and not torch.cuda.is_available():
+        raise InputError("device: cuda was asked for, but PyTorch finds no GPU; use auto or cpu")
+    return wanted
+
+
+@contextlib.contextmanager
+def _compute(settings: Settings) -> Iterator[None]:
+    """Use the wanted threads and reproducible kernels, and put the global settings back afterwards."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(settings.threads)
+    try:
+        with torch.backends.cudnn.flags(enabled=True, benchmark=False, deterministic=True):
+            yield
+    finally:
+        torch.set_num_threads(threads)

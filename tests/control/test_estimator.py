@@ -1,0 +1,197 @@
+"""The estimator on a model with a closed form: C_i = i · mean gray value, minus 1 N on C7, never negative."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from onnx import TensorProto, helper, numpy_helper
+
+from exosight.control.estimator import OnnxEstimator
+from exosight.errors import DataError, InputError
+from exosight.learning.model_file import ModelCard, card_to_metadata, seal
+
+CARD = ModelCard(
+    exosight_version="0.1.0",
+    network="closed form",
+    seed=0,
+    image_height=6,
+    image_width=8,
+    input="gray",
+    contacts=("C1", "C2", "C3", "C4", "C5", "C6", "C7"),
+    unit="N",
+    epoch=1,
+    validation_l1=0.0,
+    training={"network": "closed form"},
+    data={"camera": "512 px/m"},
+)
+
+with_files = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+
+
+def closed_form() -> onnx.ModelProto:
+    weight = np.tile(np.arange(1, 8, dtype=np.float32) / 48, (48, 1))
+    bias = np.array([0, 0, 0, 0, 0, 0, -1], np.float32)
+    nodes = [
+        helper.make_node("Flatten", ["image"], ["flat"], axis=1),
+        helper.make_node("Gemm", ["flat", "weight", "bias"], ["raw"]),
+        helper.make_node("Relu", ["raw"], ["forces"]),
+    ]
+    graph = helper.make_graph(
+        nodes,
+        "closed_form",
+        [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["batch", 1, 6, 8])],
+        [helper.make_tensor_value_info("forces", TensorProto.FLOAT, ["batch", 7])],
+        [numpy_helper.from_array(weight, "weight"), numpy_helper.from_array(bias, "bias")],
+    )
+    model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 18)])
+    helper.set_model_props(model, card_to_metadata(CARD))
+    return model
+
+
+def write(path: Path, model: onnx.ModelProto) -> Path:
+    path.write_bytes(seal(model.SerializeToString()))
+    return path
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    return write(tmp_path / "model.onnx", closed_form())
+
+
+@pytest.mark.parametrize("count", [0, 1, 64, 200])
+def test_forces_follow_the_closed_form_for_any_number_of_images(model: Path, count: int):
+    images = np.random.default_rng(0).integers(0, 256, (count, 6, 8), np.uint8)
+    mean = images.mean(axis=(1, 2)) / 255
+    expected = mean[:, None] * np.arange(1, 8)
+    expected[:, 6] = np.maximum(0, expected[:, 6] - 1)
+    forces = OnnxEstimator.load(model).estimate(images)
+    assert forces.dtype == np.float32
+    # Single precision over sums of 48 terms.
+    assert forces == pytest.approx(expected, abs=1e-5)
+
+
+def test_the_card_reads_back(model: Path):
+    assert OnnxEstimator.load(model, threads=2).card == CARD
+
+
+@pytest.mark.parametrize(
+    "images",
+    [
+        np.zeros((1, 8, 6), np.uint8),
+        np.zeros((6, 8), np.uint8),
+        np.zeros((2, 1, 6, 8), np.uint8),
+        np.zeros((1, 6, 8), np.float32),
+    ],
+)
+def test_images_of_another_size_or_type_are_refused(model: Path, images: np.ndarray):
+    with pytest.raises(InputError, match=r"needs uint8 \(frames, 6, 8\), got .* to 6×8 pixels"):
+        OnnxEstimator.load(model).estimate(images)
+
+
+@with_files
+@given(share=st.floats(0, 1, exclude_max=True))
+def test_a_truncated_model_is_a_data_error(model: Path, share: float):
+    data = seal(closed_form().SerializeToString())
+    model.write_bytes(data[: int(share * len(data))])
+    with pytest.raises(DataError, match="truncated or changed"):
+        OnnxEstimator.load(model)
+
+
+@with_files
+@given(share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_one_flipped_bit_is_a_data_error(model: Path, share: float, bit: int):
+    data = bytearray(seal(closed_form().SerializeToString()))
+    data[int(share * len(data))] ^= 1 << bit
+    model.write_bytes(data)
+    with pytest.raises(DataError, match="truncated or changed"):
+        OnnxEstimator.load(model)
+
+
+@with_files
+@given(data=st.binary(max_size=300), sealed=st.booleans())
+def test_random_bytes_are_a_data_error(model: Path, data: bytes, sealed: bool):
+    model.write_bytes(seal(data) if sealed else data)
+    with pytest.raises(DataError):
+        OnnxEstimator.load(model)
+
+
+@with_files
+@given(share=st.floats(0, 1, exclude_max=True))
+def test_a_sealed_part_of_a_model_is_a_data_error(model: Path, share: float):
+    """Even where a cut falls between two fields, and the seal fits."""
+    data = closed_form().SerializeToString()
+    model.write_bytes(seal(data[: int(share * len(data))]))
+    with pytest.raises(DataError):
+        OnnxEstimator.load(model)
+
+
+def test_a_missing_model_is_a_data_error(tmp_path: Path):
+    with pytest.raises(DataError, match="cannot be read"):
+        OnnxEstimator.load(tmp_path / "nowhere.onnx")
+
+
+def test_an_onnx_file_of_someone_else_is_a_data_error(tmp_path: Path):
+    model = closed_form()
+    del model.metadata_props[:]
+    onnx.save(model, tmp_path / "theirs.onnx")
+    with pytest.raises(DataError, match="not an estimator that exosight exported"):
+        OnnxEstimator.load(tmp_path / "theirs.onnx")
+
+
+def other_size(model: onnx.ModelProto) -> None:
+    helper.set_model_props(model, card_to_metadata(CARD) | {"image_height": "128"})
+
+
+def no_card(model: onnx.ModelProto) -> None:
+    del model.metadata_props[:]
+
+
+def nonsense_in_the_card(model: onnx.ModelProto) -> None:
+    helper.set_model_props(model, card_to_metadata(CARD) | {"contacts": "C1"})
+
+
+def operator_of_a_plug_in(model: onnx.ModelProto) -> None:
+    model.graph.node[0].domain = "com.elsewhere"
+    model.opset_import.append(helper.make_opsetid("com.elsewhere", 1))
+
+
+@pytest.mark.parametrize("change", [other_size, no_card, nonsense_in_the_card, operator_of_a_plug_in])
+def test_a_model_that_is_no_estimator_is_a_data_error(
+    tmp_path: Path, change: Callable[[onnx.ModelProto], None]
+):
+    model = closed_form()
+    change(model)
+    with pytest.raises(DataError, match=r"fit its metadata|not an estimator|cannot use this model"):
+        OnnxEstimator.load(write(tmp_path / "model.onnx", model))
+
+
+@pytest.mark.parametrize("place", ["weights.bin", "../weights.bin", "absolute"])
+def test_weights_in_another_file_are_refused(tmp_path: Path, place: str, monkeypatch: pytest.MonkeyPatch):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    for where in (tmp_path, folder):
+        (where / "weights.bin").write_bytes(np.ones(48 * 7, np.float32).tobytes())
+    model = closed_form()
+    weight = model.graph.initializer[0]
+    weight.ClearField("raw_data")
+    weight.data_location = TensorProto.EXTERNAL
+    entry = weight.external_data.add()
+    entry.key, entry.value = "location", str(folder / "weights.bin") if place == "absolute" else place
+    with pytest.raises(DataError, match="cannot use this model"):
+        OnnxEstimator.load(write(folder / "model.onnx", model))
+
+
+def test_answers_that_are_not_finite_are_refused(tmp_path: Path):
+    model = closed_form()
+    bias = numpy_helper.from_array(np.array([np.inf] * 7, np.float32), "bias")
+    model.graph.initializer[1].CopyFrom(bias)
+    estimator = OnnxEstimator.load(write(tmp_path / "model.onnx", model))
+    with pytest.raises(DataError, match="not finite"):
+        estimator.estimate(np.zeros((1, 6, 8), np.uint8))

@@ -1,0 +1,45 @@
+"""Small synthetic frames: one bright blob, whose place and brightness set the seven "forces"."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exosight.learning import TrainConfig, train
+from exosight.learning.frames import Frames
+
+IDENTITY = {"camera": "512 px/m", "shapes": 3, "young": 300e3}
+
+
+@pytest.fixture(scope="session")
+def blobs() -> Frames:
+    """80 frames of 32×32; forces follow from the picture alone, C6 is never loaded."""
+    generator = np.random.default_rng(7)
+    y, x = np.mgrid[:32, :32] / 32
+    images = np.zeros((80, 32, 32), np.uint8)
+    forces = np.zeros((80, 7), np.float32)
+    for image, force in zip(images, forces, strict=True):
+        a, b = generator.uniform(0.2, 0.8, 2)
+        brightness = generator.uniform(0.3, 1.0)
+        image[:] = 255 * brightness * np.exp(-((x - a) ** 2 + (y - b) ** 2) / 0.02)
+        force[:] = [a, b, brightness, 0.2 * a * b, max(0.0, a - 0.5), 0.0, 2.0 * brightness]
+    return Frames(images, forces, np.arange(64), np.arange(64, 80))
+
+
+@pytest.fixture(scope="session")
+def small() -> TrainConfig:
+    """A run of 6 epochs of 4 steps."""
+    return TrainConfig(epochs=6, batch=16, threads=1, seed=5)
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory, blobs: Frames, small: TrainConfig) -> Path:
+    """The folder of that run, never stopped."""
+    folder = tmp_path_factory.mktemp("runs") / "whole"
+    train(small, blobs.images, blobs.forces, blobs.train_index, blobs.validation_index, folder, IDENTITY)
+    return folder
+
+
+@pytest.fixture
+def identity() -> dict[str, str | int | float]:
+    return dict(IDENTITY)

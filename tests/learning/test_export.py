@@ -1,0 +1,90 @@
+from pathlib import Path
+
+import numpy as np
+import onnx
+import pytest
+import torch
+
+from exosight.errors import DataError, InputError
+from exosight.learning import TrainConfig, export, export_onnx, load_model, train
+from exosight.learning.model_file import open_model
+from exosight.learning.networks import ForceModel, build_network
+
+
+@pytest.fixture(scope="module")
+def exported(trained: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("export") / "light.onnx"
+    export_onnx(trained, path)
+    return path
+
+
+@pytest.mark.parametrize("count", [1, 2, 37])
+def test_onnx_runtime_answers_as_pytorch_does_for_any_batch(exported: Path, trained: Path, count: int):
+    images = np.random.default_rng(count).random((count, 1, 32, 32), dtype=np.float32)
+    session, _ = open_model(exported, 1)
+    forces = session.run(["forces"], {"image": images})[0]
+    with torch.inference_mode():
+        expected = load_model(trained)(torch.from_numpy(images)).numpy()
+    assert forces.shape == (count, 7)
+    # Batch normalisation is folded into the convolutions, so float32 rounds elsewhere.
+    assert np.abs(forces - expected).max() < 1e-5
+
+
+def test_metadata_say_what_the_network_is(exported: Path):
+    _, card = open_model(exported, 1)
+    assert (card.network, card.seed, card.image_height, card.image_width) == ("light", 5, 32, 32)
+    assert card.contacts == ("C1", "C2", "C3", "C4", "C5", "C6", "C7")
+    assert card.unit == "N"
+    assert card.data == {"camera": "512 px/m", "shapes": 3, "young": 300e3}
+    assert card.training["learning_rate"] == 3e-3
+    assert 1 <= card.epoch <= 6
+
+
+def test_the_file_is_plain_onnx_and_holds_nothing_of_the_machine_that_wrote_it(exported: Path):
+    model = onnx.load(exported)
+    onnx.checker.check_model(model, full_check=True)
+    assert [(entry.domain, entry.version) for entry in model.opset_import] == [("", 18)]
+    assert model.ir_version == 8
+    assert not any(node.metadata_props or node.doc_string for node in model.graph.node)
+    assert {node.op_type for node in model.graph.node} <= {"Conv", "Relu", "Reshape", "Gemm", "Mul"}
+    data = exported.read_bytes()
+    assert str(Path(export.__file__).parent).encode() not in data
+    assert b".py" not in data
+
+
+def test_the_paper_network_exports(tmp_path: Path, identity: dict):
+    images = np.random.default_rng(0).integers(0, 256, (4, 128, 128), np.uint8)
+    forces = np.ones((4, 7), np.float32)
+    config = TrainConfig(network="paper", epochs=1, threads=1)
+    train(config, images, forces, np.arange(3), np.arange(3, 4), tmp_path / "run", identity)
+    card = export_onnx(tmp_path / "run", tmp_path / "models" / "paper.onnx")
+    assert (card.network, card.image_height) == ("paper", 128)
+    assert open_model(tmp_path / "models" / "paper.onnx", 1)[1] == card
+
+
+def test_an_existing_file_is_not_overwritten(trained: Path, tmp_path: Path):
+    path = tmp_path / "mine.onnx"
+    path.write_bytes(b"mine")
+    with pytest.raises(InputError, match="exists already"):
+        export_onnx(trained, path)
+    assert path.read_bytes() == b"mine"
+
+
+def test_a_missing_run_is_a_data_error(tmp_path: Path):
+    with pytest.raises(DataError, match="cannot be read"):
+        export_onnx(tmp_path / "nowhere", tmp_path / "model.onnx")
+
+
+def test_a_network_that_answers_otherwise_is_not_written(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    convert = export._convert
+
+    def wrong(model: ForceModel, card) -> onnx.ModelProto:
+        other = ForceModel(build_network("light", (32, 32), 9).eval(), model.scale)
+        return convert(other, card)
+
+    monkeypatch.setattr(export, "_convert", wrong)
+    with pytest.raises(DataError, match="differs from the trained one"):
+        export_onnx(trained, tmp_path / "model.onnx")
+    assert list(tmp_path.iterdir()) == []

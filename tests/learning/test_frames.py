@@ -1,0 +1,103 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from exosight.errors import InputError
+from exosight.learning.frames import Frames, check_frames, epoch_batches, fingerprint, force_scale
+
+
+def test_good_frames_pass(blobs: Frames):
+    check_frames(blobs)
+
+
+def broken(forces: np.ndarray, value: float) -> np.ndarray:
+    forces = forces.copy()
+    forces[11, 3] = value
+    return forces
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: {"images": f.images.astype(np.float32)}, "images: expected uint8"),
+        (lambda f: {"images": f.images[0]}, "images: expected uint8"),
+        (lambda f: {"images": f.images[:-1]}, r"forces: expected float32 \(79, 7\)"),
+        (lambda f: {"forces": f.forces.astype(np.float64)}, "forces: expected float32"),
+        (lambda f: {"forces": f.forces[:, :6]}, "forces: expected float32"),
+        (lambda f: {"forces": broken(f.forces, np.nan)}, "frame 11"),
+        (lambda f: {"forces": broken(f.forces, np.inf)}, "frame 11"),
+        (lambda f: {"forces": broken(f.forces, -1e-3)}, "at least 0 N.*frame 11"),
+        (lambda f: {"train_index": f.train_index[:0]}, "train_index: expected at least 2"),
+        (lambda f: {"train_index": f.train_index[:1]}, "train_index: expected at least 2"),
+        (lambda f: {"validation_index": f.validation_index[:0]}, "validation_index: expected at least 1"),
+        (lambda f: {"train_index": f.train_index.astype(float)}, "train_index: expected a list of integers"),
+        (
+            lambda f: {"validation_index": np.array([80])},
+            "validation_index: expected frame numbers from 0 to 79",
+        ),
+        (lambda f: {"validation_index": np.array([-1])}, "validation_index: expected frame numbers"),
+        (lambda f: {"validation_index": np.array([70, 3])}, "share 1 frames"),
+    ],
+)
+def test_frames_that_cannot_be_learned_from_are_refused(blobs: Frames, change, message: str):
+    with pytest.raises(InputError, match=message):
+        check_frames(replace(blobs, **change(blobs)))
+
+
+def test_scale_is_the_standard_deviation_of_each_contact(blobs: Frames):
+    scale = force_scale(blobs.forces)
+    varying = [0, 1, 2, 3, 4, 6]
+    assert scale[varying] == pytest.approx(blobs.forces[:, varying].astype(float).std(axis=0))
+
+
+def test_a_contact_that_never_varies_gets_a_small_scale_not_a_vanishing_one(blobs: Frames):
+    scale = force_scale(blobs.forces)
+    assert scale[5] == pytest.approx(scale.max() / 100)
+
+
+def test_forces_that_never_vary_at_all_get_one_newton():
+    assert force_scale(np.full((5, 7), 0.5, np.float32)).tolist() == [1.0] * 7
+
+
+@given(
+    count=st.integers(2, 300),
+    batch=st.integers(4, 128),
+    seed=st.integers(0, 2**63 - 1),
+    epoch=st.integers(1, 10**6),
+)
+def test_an_epoch_shows_every_frame_once_in_steps_that_batch_normalisation_can_take(
+    count: int, batch: int, seed: int, epoch: int
+):
+    index = np.arange(1000, 1000 + count)
+    batches = epoch_batches(index, batch, seed, epoch)
+    assert sorted(np.concatenate(batches)) == index.tolist()
+    sizes = [len(part) for part in batches]
+    assert 2 <= min(sizes) <= max(sizes) <= batch
+    assert max(sizes) - min(sizes) <= 1
+
+
+def test_order_follows_from_seed_and_epoch_alone():
+    index = np.arange(50)
+    pairs = [(1, 1), (1, 2), (2, 1), (1, 1)]
+    order = [np.concatenate(epoch_batches(index, 8, seed, epoch)).tolist() for seed, epoch in pairs]
+    assert order[0] == order[3]
+    assert order[0] != order[1]
+    assert order[0] != order[2]
+    assert order[1] != order[2]
+
+
+def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Frames):
+    images, forces = blobs.images.copy(), blobs.forces.copy()
+    images[3, 2, 1] ^= 1
+    forces[0, 0] = np.nextafter(forces[0, 0], np.float32(9))
+    others = [
+        replace(blobs, images=images),
+        replace(blobs, forces=forces),
+        replace(blobs, train_index=blobs.train_index[::-1]),
+        replace(blobs, train_index=blobs.train_index[:-1]),
+    ]
+    prints = {fingerprint(frames) for frames in [blobs, replace(blobs, images=blobs.images.copy()), *others]}
+    assert len(prints) == 1 + len(others)
