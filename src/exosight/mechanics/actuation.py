@@ -51,10 +51,12 @@ class PressureLine(Term):
             lengthening = jnp.einsum("pkq,pk,p->q", dy, t, weights)
             across = dy - t[:, :, None] * jnp.einsum("pk,pkq->pq", t, dy)[:, None]
             bending = jnp.einsum("pka,p,pkb->ab", dy, weights / stretch, across)
+            length = jnp.sum(weights * stretch)
             return none._replace(
-                energy=-u * jnp.sum(weights * stretch),
+                energy=-u * length,
                 gradient=none.gradient.at[inside].set(-u * lengthening),
                 hessian=none.hessian.at[inside, inside].set(-u * bending),
+                load_energy=none.load_energy.at[self.channel].set(-length),
                 load_gradient=none.load_gradient.at[self.channel, inside].set(-lengthening),
             )
 

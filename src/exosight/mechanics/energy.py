@@ -26,6 +26,7 @@ class Expansion(NamedTuple):
     gradient       (dofs,)          by coordinates, without what acts through `wrench`
     wrench         (frames, 6)      dΠ = Σ wrench_i · (spatial twist of frame i) [N m; N]
     hessian        (dofs, dofs)     second derivative at constant spatial wrench
+    load_energy    (loads,)         Λ = ∂Π/∂u [m, for a force]
     load_gradient  (loads, dofs)    ∂∇Π/∂u
     """
 
@@ -33,6 +34,7 @@ class Expansion(NamedTuple):
     gradient: Float[Array, " dofs"]
     wrench: Float[Array, "frames 6"]
     hessian: Float[Array, "dofs dofs"]
+    load_energy: Float[Array, " loads"]
     load_gradient: Float[Array, "loads dofs"]
 
 
@@ -40,24 +42,35 @@ Bound = Callable[[Float[Array, " dofs"], Motion, Float[Array, " loads"]], Expans
 
 
 class Term(eqx.Module):
-    """An energy. `bind` computes what does not change with the pose and returns the rest."""
+    """An energy. `bind` computes what does not change with the pose and returns the rest.
+
+    A term whose derivatives say nothing of what is just ahead (a gap says nothing of the contact behind it)
+    also has a `reach`.
+    """
 
     def bind(self, robot: Robot) -> Bound:
         """The function (q, motion, loads) -> Expansion of this term on `robot`."""
         raise NotImplementedError(f"{type(self).__name__} has no bind")
 
+    def reach(self, robot: Robot, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
+        """The largest fraction of `step` from `motion` that the expansion there can be trusted for."""
+        return jnp.array(jnp.inf)
+
 
 class Evaluation(NamedTuple):
-    """The whole potential at one pose: energy [J], gradient, Hessian, and ∂gradient/∂loads."""
+    """The whole potential at one pose: energy [J], gradient, Hessian, and how loads change the first two."""
 
     energy: Float[Array, ""]
     gradient: Float[Array, " dofs"]
     hessian: Float[Array, "dofs dofs"]
+    load_energy: Float[Array, " loads"]
     load_gradient: Float[Array, "loads dofs"]
 
 
-def potential(robot: Robot) -> Callable[[Float[Array, " dofs"], Float[Array, " loads"]], Evaluation]:
-    """The function (q, loads) -> Evaluation: Π with its exact gradient and Hessian.
+def potential(
+    robot: Robot,
+) -> Callable[[Float[Array, " dofs"], Float[Array, " loads"]], tuple[Evaluation, Motion]]:
+    """The function (q, loads) -> Π with its exact gradient and Hessian, and the motion they were taken at.
 
     Everything that depends on the design alone is computed here, once.
     """
@@ -65,12 +78,12 @@ def potential(robot: Robot) -> Callable[[Float[Array, " dofs"], Float[Array, " l
     limits = _JointLimits().bind(robot)
     terms = [limits, *(term.bind(robot) for term in robot.terms)]
 
-    def evaluate(q: Float[Array, " dofs"], loads: Float[Array, " loads"]) -> Evaluation:
+    def evaluate(q: Float[Array, " dofs"], loads: Float[Array, " loads"]) -> tuple[Evaluation, Motion]:
         motion = walk(robot, q)
         parts = [term(q, motion, loads) for term in terms]
         force = elastic @ q
         wrench = sum(part.wrench for part in parts)
-        return Evaluation(
+        total = Evaluation(
             energy=0.5 * q @ force + sum(part.energy for part in parts),
             gradient=force
             + sum(part.gradient for part in parts)
@@ -78,8 +91,10 @@ def potential(robot: Robot) -> Callable[[Float[Array, " dofs"], Float[Array, " l
             hessian=elastic
             + sum(part.hessian for part in parts)
             + geometric_stiffness(robot, motion, wrench),
+            load_energy=sum(part.load_energy for part in parts),
             load_gradient=sum(part.load_gradient for part in parts),
         )
+        return total, motion
 
     return evaluate
 
@@ -105,6 +120,7 @@ def zero(robot: Robot, loads: Float[Array, " loads"]) -> Expansion:
         gradient=jnp.zeros(n),
         wrench=jnp.zeros((robot.frames, 6)),
         hessian=jnp.zeros((n, n)),
+        load_energy=jnp.zeros_like(loads),
         load_gradient=jnp.zeros((loads.shape[0], n)),
     )
 
@@ -196,6 +212,7 @@ class DeadForce(Term):
                 energy=jnp.sum(pull[i] * motion.position[i]),
                 wrench=point_wrench(motion.position, pull),
                 hessian=point_stiffness(motion, pull),
+                load_energy=none.load_energy.at[self.channel].set(-self.direction @ motion.position[i]),
                 load_gradient=none.load_gradient.at[self.channel].set(unit),
             )
 

@@ -1,7 +1,7 @@
 """Stable equilibria: local minima of the potential energy, followed along a path of loads.
 
 Newton's method on Π, made globally safe: steps solve (∇²Π + λM) p = −∇Π with λ just large enough for a
-Cholesky factor to exist, and are taken only if they lower Π (or, where round-off hides the change of Π, the
+Cholesky factor to exist, and are shortened until they lower Π (or, where round-off hides the change of Π, the
 residual). A point counts as converged only if ∇²Π itself is positive definite there, so a saddle, which a
 root finder accepts, is left along a direction of descent. The metric M is the elastic stiffness: in it every
 soft mode weighs its own energy, whatever the units of its coordinate.
@@ -125,17 +125,24 @@ def _in_threads(function: Callable[[range], T], items: Sequence[range]) -> Itera
 
 
 class _Path(NamedTuple):
-    """Where one robot is on its path: the accepted point, the trial point, and what was found so far."""
+    """Where one robot is on its path: the accepted point, the trial point, and what was found so far.
+
+    load, steps        index of the load being solved, and Newton steps spent on it
+    q, here, residual  the accepted point, and what was found there
+    step, fraction     the direction being tried, and how much of it; the trial point is q + fraction · step
+    slope              dΠ along the whole step [J]
+    fresh              the trial point is a new start, to be accepted whatever its energy
+    """
 
     load: Int[Array, ""]
+    steps: Int[Array, ""]
     q: Float[Array, " dofs"]
     here: Evaluation
     residual: Float[Array, ""]
-    trial: Float[Array, " dofs"]
-    predicted: Float[Array, ""]
-    damping: Float[Array, ""]
+    step: Float[Array, " dofs"]
+    fraction: Float[Array, ""]
+    slope: Float[Array, ""]
     fresh: Bool[Array, ""]
-    steps: Int[Array, ""]
     found: Float[Array, "loads dofs"]
     ok: Bool[Array, " loads"]
     residuals: Float[Array, " loads"]
@@ -166,76 +173,88 @@ def _follow_one(
     def relative(gradient: Array, q: Array) -> Array:
         return jnp.linalg.norm(solve_triangular(factor, gradient, lower=True)) / (size(q) + unit)
 
-    def step(path: _Path) -> _Path:
+    def advance(path: _Path) -> _Path:
         load = jnp.minimum(path.load, count - 1)
-        there = evaluate(path.trial, loads[load])
-        residual = relative(there.gradient, path.trial)
+        trial = path.q + path.fraction * path.step
+        there, motion = evaluate(trial, loads[load])
+        residual = relative(there.gradient, trial)
 
         # Accept on the energy; where its change drowns in round-off, on the residual.
-        drop = path.here.energy - there.energy
-        hidden = path.predicted < 1e-9 * (jnp.abs(there.energy) + size(path.trial) ** 2)
-        good = jnp.where(hidden, residual <= path.residual, drop >= 1e-4 * path.predicted)
+        change = there.energy - path.here.energy
+        expected = path.fraction * path.slope
+        hidden = jnp.abs(expected) < 1e-12 * (jnp.abs(there.energy) + size(trial) ** 2)
+        good = jnp.where(hidden, residual <= path.residual, change <= 1e-4 * expected)
         accept = path.fresh | (good & jnp.isfinite(residual))
         here, q, residual = jax.tree.map(
             lambda new, old: jnp.where(accept, new, old),
-            (there, path.trial, residual),
+            (there, trial, residual),
             (path.here, path.q, path.residual),
         )
-        damping = jnp.where(accept, path.damping / 10, jnp.maximum(10 * path.damping, 1e-3))
-        damping = jnp.where((damping < 1e-4) | (residual < tolerance), 0.0, damping)
-        damping, cholesky, stable = _definite(here.hessian, metric, damping)
-        small = residual < tolerance
+        cholesky, stable = _shifted_factor(here.hessian, metric)
+        reached = residual
+        small = reached < tolerance
         converged = small & stable
         steps = path.steps + 1
         moved_on = converged | (steps >= max_iterations)
 
-        # Next direction: Newton's; the path's tangent once converged; at a saddle, downhill either way.
+        # At the next load the energy and gradient here are known, loads being linear: its first Newton step,
+        # with the Hessian of this load, is the tangent of the path.
         following = jnp.minimum(load + 1, count - 1)
-        push = here.load_gradient.T @ (loads[following] - loads[load])
-        downhill = small & ~converged
-        right = jnp.where(moved_on, push, jnp.where(downhill, _some_direction(robot.dofs), here.gradient))
-        p = -cho_solve((cholesky, True), right)
-        length = size(p)
-        reach = jnp.where(downhill, 0.05 * (size(q) + unit), 0.5 * size(q) + 20 * unit)
-        p = p * jnp.where(downhill, reach / length, jnp.minimum(1.0, reach / jnp.maximum(length, 1e-300)))
-        predicted = -(here.gradient @ p + 0.5 * p @ here.hessian @ p)
+        onwards = moved_on & converged & (parents[following] == load)
+        more = jnp.where(onwards, loads[following] - loads[load], 0.0)
+        here = here._replace(
+            energy=here.energy + more @ here.load_energy, gradient=here.gradient + more @ here.load_gradient
+        )
+        residual = jnp.where(onwards, relative(here.gradient, q), residual)
 
-        # Record, and go to the next load: from the point before by its tangent, else from the asked-for start.
+        # Newton's direction; at a saddle, where there is none, a downhill one of a small fixed size.
+        saddle = small & ~stable
+        p = -cho_solve((cholesky, True), jnp.where(saddle, _some_direction(robot.dofs), here.gradient))
+        length = jnp.maximum(size(p), 1e-300)
+        p = p * jnp.where(saddle, (0.05 * size(q) + unit) / length, jnp.minimum(1.0, (0.5 * size(q) + 20 * unit) / length))
+        # A refused step is shortened to where a parabola through both energies has its minimum.
+        shorter = jnp.clip(-0.5 * expected / jnp.maximum(change - expected, 1e-300), 0.1, 0.5)
+        retry = ~accept & ~moved_on
+        step = jnp.where(retry, path.step, p)
+        reach = jnp.min(jnp.stack([jnp.array(1.0), *(term.reach(robot, motion, p) for term in robot.terms)]))
+        fraction = jnp.where(retry, path.fraction * shorter, reach)
+        slope = jnp.where(retry, path.slope, here.gradient @ p)
+
         record = moved_on & (path.load < count)
         found = path.found.at[load].set(jnp.where(record, q, path.found[load]))
+        elsewhere = moved_on & ~onwards
         parent = parents[following]
-        beside = jnp.where(parent < 0, start, found[parent])
-        begin = jnp.where((parent == load) & converged, q + p, beside)
+        q = jnp.where(elsewhere, jnp.where(parent < 0, start, found[parent]), q)
         return _Path(
             load=path.load + moved_on,
+            steps=jnp.where(moved_on, 0, steps),
             q=q,
             here=here,
             residual=residual,
-            trial=jnp.where(moved_on, begin, q + p),
-            predicted=jnp.where(moved_on, 0.0, predicted),
-            damping=jnp.where(moved_on, 0.0, damping),
-            fresh=moved_on,
-            steps=jnp.where(moved_on, 0, steps),
+            step=step,
+            fraction=jnp.where(elsewhere, 0.0, fraction),
+            slope=slope,
+            fresh=elsewhere,
             found=found,
             ok=path.ok.at[load].set(jnp.where(record, converged, path.ok[load])),
-            residuals=path.residuals.at[load].set(jnp.where(record, residual, path.residuals[load])),
+            residuals=path.residuals.at[load].set(jnp.where(record, reached, path.residuals[load])),
             iterations=path.iterations.at[load].set(jnp.where(record, steps, path.iterations[load])),
         )
 
-    origin = evaluate(start, loads[0])
+    origin, _ = evaluate(start, loads[0])
     path = jax.lax.while_loop(
         lambda path: path.load < count,
-        step,
+        advance,
         _Path(
             load=jnp.array(0),
+            steps=jnp.array(0),
             q=start,
             here=origin,
             residual=jnp.array(jnp.inf),
-            trial=start,
-            predicted=jnp.array(0.0),
-            damping=jnp.array(0.0),
+            step=jnp.zeros(robot.dofs),
+            fraction=jnp.array(0.0),
+            slope=jnp.array(0.0),
             fresh=jnp.array(True),
-            steps=jnp.array(0),
             found=jnp.zeros((count, robot.dofs)),
             ok=jnp.zeros(count, dtype=bool),
             residuals=jnp.zeros(count),
@@ -244,7 +263,7 @@ def _follow_one(
     )
 
     def judge(q: Array, load: Array) -> tuple[Array, Array]:
-        here = evaluate(q, load)
+        here, _ = evaluate(q, load)
         half = solve_triangular(factor, here.hessian, lower=True)
         whitened = solve_triangular(factor, half.T, lower=True)
         return here.energy, jnp.linalg.eigvalsh(0.5 * (whitened + whitened.T))[0]
@@ -260,19 +279,19 @@ def _follow_one(
     )
 
 
-def _definite(hessian: Array, metric: Array, damping: Array) -> tuple[Array, Array, Array]:
-    """The least damping tried at which hessian + damping · metric has a Cholesky factor; that factor; and
-    whether none was needed."""
+def _shifted_factor(hessian: Array, metric: Array) -> tuple[Array, Array]:
+    """The Cholesky factor of hessian + λ metric for the least λ tried at which there is one, and whether λ = 0."""
 
-    def attempt(damping: Array) -> tuple[Array, Array]:
-        return damping, jnp.linalg.cholesky(hessian + damping * metric)
+    def attempt(shift: Array) -> tuple[Array, Array]:
+        return shift, jnp.linalg.cholesky(hessian + shift * metric)
 
     def failed(state: tuple[Array, Array]) -> Array:
         return ~jnp.all(jnp.isfinite(state[1])) & (state[0] < 1e12)
 
-    first = attempt(damping)
-    damping, factor = jax.lax.while_loop(failed, lambda state: attempt(jnp.maximum(4 * state[0], 1e-3)), first)
-    return damping, factor, damping == 0
+    shift, factor = jax.lax.while_loop(
+        failed, lambda state: attempt(jnp.maximum(2 * state[0], 1e-2)), attempt(jnp.array(0.0))
+    )
+    return factor, shift == 0
 
 
 def _some_direction(dofs: int) -> Array:
