@@ -1,0 +1,29 @@
+"""The sections of a study's report: results in, text, tables and figures out.
+
+Numbers in the text come from the results; what the text says without one is true of every study.
+
+introduction, sphere_centres, motion,
+data_section                                  system.py
+learning, accuracy, robustness_section        estimator.py
+closed_loop                                   loop.py
+headline, limits, remake                      summary.py
+"""
+
+from exosight.app.chapters.estimator import accuracy, learning, robustness_section
+from exosight.app.chapters.loop import closed_loop
+from exosight.app.chapters.summary import headline, limits, remake
+from exosight.app.chapters.system import data_section, introduction, motion, sphere_centres
+
+__all__ = [
+    "accuracy",
+    "closed_loop",
+    "data_section",
+    "headline",
+    "introduction",
+    "learning",
+    "limits",
+    "motion",
+    "remake",
+    "robustness_section",
+    "sphere_centres",
+]

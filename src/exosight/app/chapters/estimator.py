@@ -1,0 +1,127 @@
+"""Sections on the estimator: how it learned, how accurate and how robust it is."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from exosight.app.report import Block, Picture, Section
+from exosight.app.results import Judgement, RobustnessSummary, TrainingRun
+from exosight.evaluation import figures, published
+from exosight.evaluation.tables import (
+    Column,
+    Table,
+    contact_table,
+    count_text,
+    largest_table,
+    mean_table,
+    robustness_table,
+)
+
+
+def learning(runs: Sequence[TrainingRun]) -> Section:
+    """Show how each network was trained."""
+    columns = (
+        Column("network"),
+        Column("parameters"),
+        Column("frames"),
+        Column("epochs"),
+        Column("best epoch"),
+        Column("validation error", "N", digits=4),
+        Column("time", "min", digits=1),
+    )
+    rows = tuple(
+        (
+            *(run.name, run.parameters, run.frames, len(run.history)),
+            *(run.best.epoch, run.best.validation_l1, run.minutes),
+        )
+        for run in runs
+    )
+    note = (
+        f"The paper: {count_text(published.PARAMETERS)} parameters, {published.EPOCHS} epochs, "
+        f"{published.TRAINING_MINUTES:g} min on a Titan Xp. The validation error is the mean absolute error "
+        "over C1…C7 in the best epoch, whose network is kept."
+    )
+    blocks: list[Block] = [Table("training", "Training runs", columns, rows, note)]
+    for run in runs:
+        blocks.append(
+            Picture(
+                figures.loss_curves(*_curves(run), run.loss),
+                f"Loss of the {run.name}: on the frames learned from and on the validation frames, and the "
+                "learning rate. Dotted lines mark where a constant learning rate was lowered.",
+                f"Training and validation loss over {len(run.history)} epochs, with the learning rate below.",
+            )
+        )
+    return Section("Learning", tuple(blocks))
+
+
+def accuracy(judgements: Sequence[Judgement]) -> Section:
+    """Compare estimated with true forces on the test frames; the figures show the first judgement."""
+    first = judgements[0]
+    blocks: list[Block] = [
+        "All numbers are for test frames, of which the network has learned nothing. RMSE is the root mean "
+        "square error, RMS% the same over the range of the true force, and r Pearson's correlation.",
+    ]
+    if len(judgements) > 1:
+        means = {judgement.name: judgement.scores for judgement in judgements}
+        note = "The paper's values are for its split by frame and stand in every row for comparison."
+        blocks.append(mean_table("accuracy", "Mean ± SD over C1…C7", means, "network, split", note))
+    blocks += [
+        contact_table(f"contacts_{number}", f"Each contact: {judgement.name}", judgement.scores)
+        for number, judgement in enumerate(judgements, start=1)
+    ]
+    blocks += [
+        largest_table("largest_forces", f"Largest forces: {first.name}", first.scores),
+        Picture(
+            figures.sample_traces(first.true, first.estimated),
+            "True and estimated force for a random set of test frames, a panel a contact; gray lines are "
+            f"the errors ({first.name}).",
+            "Eight panels, C1 to C7 and F_net, each with true and estimated forces of random frames.",
+        ),
+        Picture(
+            figures.predicted_against_true(first.true, first.estimated),
+            f"Estimated over true force for all {count_text(len(first.true))} test frames; a perfect "
+            f"estimate lies on the line ({first.name}).",
+            "Eight density plots, C1 to C7 and F_net, of estimated over true force with the identity line.",
+        ),
+        Picture(
+            figures.rainclouds(first.true, first.estimated),
+            "Distribution of estimated (above) and true (below) forces in the test frames in which the "
+            "contact touches, and the share of these among all. Cloud: density; box: quartiles and median; "
+            f"points: up to 300 frames ({first.name}).",
+            "Eight raincloud plots, C1 to C7 and F_net: estimated distribution above, true below.",
+        ),
+    ]
+    return Section("Accuracy", tuple(blocks))
+
+
+def robustness_section(robustness: RobustnessSummary) -> Section:
+    """Show what noise and low contrast do to the estimate."""
+    return Section(
+        "Robustness",
+        (
+            "The same test frames with noise added or contrast taken away, as in the paper "
+            f"({robustness.name}). None of this was part of the training.",
+            Picture(
+                figures.corrupted_examples(robustness.examples),
+                "Test frames, clean and degraded.",
+                "A grid of gray images: clean, three levels of noise, two levels of lowered contrast.",
+            ),
+            robustness_table("robustness", "Mean ± SD over C1…C7 on degraded images", robustness.cases),
+            Picture(
+                figures.robustness_bars(robustness.cases),
+                "Error and correlation on degraded images beside the paper's, mean ± SD over C1…C7.",
+                "Bar charts of RMSE, RMS% and r for six kinds of images, this study beside the paper.",
+            ),
+        ),
+    )
+
+
+def _curves(run: TrainingRun) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    checked = [record for record in run.history if record.validation_loss is not None]
+    return (
+        np.array([record.epoch for record in run.history]),
+        np.array([record.train_loss for record in run.history]),
+        np.array([record.epoch for record in checked], dtype=int),
+        np.array([record.validation_loss for record in checked], dtype=float),
+        np.array([record.learning_rate for record in run.history]),
+    )

@@ -1,0 +1,113 @@
+"""The section on the closed loop."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import UInt8
+
+from exosight.app.report import Picture, Section
+from exosight.app.results import LoopRun
+from exosight.evaluation import figures, published
+from exosight.evaluation.tables import OURS, PAPER, Cell, Column, Table
+
+
+def closed_loop(
+    steady: Sequence[LoopRun],
+    steps: Sequence[LoopRun],
+    poses: UInt8[np.ndarray, "poses height width"],
+    pose_times: Sequence[float],
+) -> Section:
+    """Show the controller with the estimator as its force sensor, beside the paper's results.
+
+    steady      one run a constant target
+    steps       one run a gain: a target for a while, then 0 N
+    poses       camera images along the step response of `steps` with K_P = 1
+    pose_times  when they were taken [s]
+    """
+    return Section(
+        "In closed loop",
+        (
+            "The controller sees images alone. At each step the network estimates F_net, and the actuation "
+            "is raised by K_P times the difference between target and estimate. The true F_net is known to "
+            "the simulation and is drawn for comparison, but the controller never sees it.",
+            Picture(
+                figures.steady_states([run.trace for run in steady]),
+                f"Constant targets, K_P = {steady[0].gain:g}. Above: the true force of the simulation and "
+                "the force that the network read from the images. Below: the actuation; the dotted line is "
+                "the largest one in the training data.",
+                "Line plots over time of true and estimated F_net for each target, and of the actuation "
+                "below.",
+            ),
+            _steady_table(steady),
+            Picture(
+                figures.step_responses({run.gain: run.trace for run in steps}),
+                "Step responses: the target is held, then switched to 0 N. Error: target minus estimate, as "
+                "the controller sees it.",
+                "Line plots over time of F_net, error and actuation, a line for each gain.",
+            ),
+            Picture(
+                figures.pose_strip(poses, [f"t = {time:g} s" for time in pose_times]),
+                "Camera images along the step response with K_P = 1.",
+                f"{len(poses)} gray images of finger and exosuit during the step response.",
+            ),
+            _step_table(steps),
+        ),
+    )
+
+
+def target_of(run: LoopRun) -> float:
+    """Return the target of a run with a constant one [N]."""
+    return float(run.trace.target[0])
+
+
+def published_steps(run: LoopRun) -> int | None:
+    """Return the steps that the paper's controller took to settle at this target, if it had it."""
+    for paper in published.STEADY_STATES_PUBLISHED:
+        if np.isclose(paper.target, target_of(run)):
+            return paper.settling_steps
+    return None
+
+
+def _steady_table(runs: Sequence[LoopRun]) -> Table:
+    columns = (
+        Column("target", "N", digits=2),
+        Column(OURS, "", "steps to settle"),
+        Column(PAPER, "", "steps to settle"),
+        Column("overshoot", "N", digits=3),
+        Column("steady-state error", "N", digits=3),
+        Column("largest u", "N", digits=2),
+    )
+    rows = tuple(
+        (
+            *(target_of(run), run.settling_steps, published_steps(run)),
+            *(run.overshoot, run.steady_state_error, float(run.trace.u.max())),
+        )
+        for run in runs
+    )
+    note = "Measured on the true force. A dash: not settled within the run, or not tested in the paper."
+    return Table("steady_states", "Constant targets", columns, rows, note)
+
+
+def _step_table(runs: Sequence[LoopRun]) -> Table:
+    columns = (
+        Column("K_P"),
+        Column("before the switch", "N", "true F_net", 3),
+        Column("largest", "N", "true F_net", 3),
+        Column("at the end", "N", "true F_net", 3),
+        Column("largest", "N", "actuation u", 2),
+        Column("smallest", "N", "actuation u", 2),
+        Column(PAPER),
+    )
+    told = {paper.gain: paper.outcome for paper in published.STEPS_PUBLISHED}
+    rows: list[tuple[Cell, ...]] = []
+    for run in runs:
+        trace = run.trace
+        force, held = trace.F_net_true, np.flatnonzero(trace.target > 0)
+        rows.append(
+            (
+                *(run.gain, float(force[held[-1]]), float(force.max()), float(force[-1])),
+                *(float(trace.u.max()), float(trace.u.min()), told.get(run.gain)),
+            )
+        )
+    caption = f"Step to {target_of(runs[0]):g} N and back to 0 N"
+    return Table("step_responses", caption, columns, tuple(rows))

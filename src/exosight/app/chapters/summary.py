@@ -1,0 +1,113 @@
+"""The first and the last sections: the result in short, its limits, and how to make it again."""
+
+from collections.abc import Mapping, Sequence
+
+from exosight.app.chapters.loop import published_steps, target_of
+from exosight.app.report import Listing, Points, Section
+from exosight.app.results import Judgement, LoopRun, RobustnessSummary, TrainingRun
+from exosight.evaluation import published
+from exosight.evaluation.tables import Cell, Column, Table
+
+
+def headline(
+    runs: Sequence[TrainingRun],
+    judgements: Sequence[Judgement],
+    robustness: RobustnessSummary,
+    steady: Sequence[LoopRun],
+) -> Section:
+    """Put the numbers that matter beside the paper's."""
+    columns = (
+        Column("network, split"),
+        Column("frames learned"),
+        Column("r", "", "mean over C1…C7", 2),
+        Column("RMS%", "%", "mean over C1…C7", 2),
+        Column("RMSE", "N", "mean over C1…C7", 3),
+        Column("r, noisy", "", "mean over C1…C7", 2),
+        *(Column(f"{target_of(run):.2f}\N{NO-BREAK SPACE}N", "", "steps to settle at") for run in steady),
+    )
+    trained = {run.name: run for run in runs}
+    rows: list[tuple[Cell, ...]] = []
+    for judgement in judgements:
+        run, scores = trained[judgement.name], judgement.scores
+        chosen = judgement.name == robustness.name
+        rows.append(
+            (
+                *(judgement.name, run.frames, scores.r, scores.rms_percent, scores.rmse),
+                robustness.cases["noise-medium"].r if chosen else None,
+                *(run.settling_steps if chosen else None for run in steady),
+            )
+        )
+    clean = published.ROBUSTNESS_PUBLISHED["clean"]
+    rows.append(
+        (
+            *("paper, by frame", published.FRAMES_LEARNED),
+            *(clean.r, clean.rms_percent, clean.rmse, published.ROBUSTNESS_PUBLISHED["noise-medium"].r),
+            *(published_steps(run) for run in steady),
+        )
+    )
+    note = (
+        "r: Pearson's correlation of estimated and true force; RMS%: error as a share of the range of the "
+        "true force; noisy: test images with noise of variance 0.01; ±: standard deviation over the seven "
+        "contacts. Settling is that of the closed loop, which one of the networks steers. A dash means that "
+        "there is no such number."
+    )
+    return Section(
+        "The result in short",
+        (
+            Table("headline", "This study beside the paper", columns, tuple(rows), note),
+            "Compare with care. The two plants are alike, not the same: the paper leaves parameters open "
+            "that had to be chosen here, and its pictures were drawn differently. The paper divides its "
+            "data frame by frame, so near-identical frames of one exosuit are both learned and tested. "
+            "Divided by shape, every tested exosuit is new to the network: the harder and the more honest "
+            "question. A study of fewer shapes than the paper's also learns, and is tested, on less.",
+        ),
+    )
+
+
+def limits() -> Section:
+    """Say what none of this can do."""
+    return Section(
+        "What it cannot do",
+        (
+            Points(
+                (
+                    "It has never seen a real finger, a real exosuit or a real camera. Materials, skin, "
+                    "light, background and a camera that moves are not in the data.",
+                    "Contact is a frictionless push between spheres. The finger carries eight of them, "
+                    "with gaps between that a bent rod can slip into, and the true forces are those of "
+                    "this model.",
+                    "Every pose is a rest pose. Inertia and the silicone's damping play no part, so a fast "
+                    "controller meets a plant that is kinder than a real one.",
+                    "There is one finger: its lengths, radii and joint stiffness never change. The "
+                    "stiffness of the silicone is one number too, chosen to match the paper's only usable "
+                    "data point.",
+                    f"The actuation in the training data ends at {published.TRAINING_LIMIT:g} N and never "
+                    "pulls. Beyond that, and for shapes outside the five families, an estimate is "
+                    "extrapolated, and nothing in the answer says so.",
+                    "The image must show the side view at the scale that was learned. Seven numbers come out "
+                    "of any image of the right size, whether or not it shows a finger.",
+                )
+            ),
+        ),
+    )
+
+
+def remake(command: str, config: str, seed: int, versions: Mapping[str, str]) -> Section:
+    """Tell how to make this study again.
+
+    command   the line that was run
+    config    its whole configuration, as the file that was saved beside the report
+    versions  package → version
+    """
+    rows = tuple(versions.items())
+    return Section(
+        "How to make it again",
+        (
+            f"Everything random follows from one seed, {seed}. Other versions of the packages, and other "
+            "processors, may round differently, which training amplifies: expect the same picture, not the "
+            "same last digits.",
+            Listing("The command.", command),
+            Listing("The whole configuration of this study.", config),
+            Table("versions", "Versions", (Column("package"), Column("version")), rows),
+        ),
+    )

@@ -1,0 +1,107 @@
+"""Sections on the system: what it is, how it moves, what was simulated."""
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from exosight.app.report import Picture, Section
+from exosight.app.results import DataSummary, PathSummary
+from exosight.evaluation import figures, published
+from exosight.evaluation.tables import OURS, PAPER, Cell, Column, Table
+from exosight.exosuit.finger import Finger
+
+
+def introduction(overview: Figure) -> Section:
+    """Say what the system is to a reader who meets it for the first time."""
+    return Section(
+        "What this is",
+        (
+            "A soft exosuit is a silicone rod worn along the back of a finger. Actuated, it bends and "
+            "pushes the finger closed. How hard it pushes, and where, is difficult to measure: a sensor "
+            "between skin and silicone is in the way. Here the forces are read from a picture instead. A "
+            "network looks at one small gray image of finger and exosuit and answers with seven forces in "
+            "newtons, one for each place C1…C7 on the finger where the two may touch. Their sum is F_net, "
+            "the net force on the finger, and a controller can use it in place of a sensor.",
+            Picture(
+                overview,
+                "From pose to forces. 1: the exosuit is clamped beside the base of the finger; the "
+                "actuation u acts along the line on its back. Circles are the spheres of the contact "
+                "model, C0…C7, on three phalanges and the fingertip. 2: the camera image of this pose, the "
+                "network's only input. 3: its answer beside the true forces of the simulation.",
+                "Side view of a bent soft exosuit on a finger with the contacts C0 to C7 named, the gray "
+                "camera image of the same pose, and a bar chart of true and estimated forces at C1 to C7.",
+            ),
+            f"Everything here is simulated. The system is the one of {published.SOURCE}, called the paper "
+            "below; its results stand beside those of this study.",
+        ),
+    )
+
+
+def sphere_centres(finger: Finger, joints: Float[np.ndarray, "5 2"]) -> Float[np.ndarray, "8 2"]:
+    """Return where C0…C7 lie, for the overview: at the base and the centre of mass of each link.
+
+    joints   (5, 2)   x, z of the joints and the tip [m], as in `exosight.exosuit.assembly.Pose.finger`
+    returns  (8, 2)   [m]
+    """
+    centres = []
+    for link, length in enumerate(finger.lengths):
+        base, end = joints[link], joints[link + 1]
+        centres += [base, base + finger.centre_of_mass(link) / length * (end - base)]
+    return np.array(centres)
+
+
+def motion(path: PathSummary) -> Section:
+    """Show how the exosuit moves and what force that brings."""
+    chosen = np.linspace(0, int(np.argmax(path.u)), 6).round().astype(int)
+    snaps = int(path.snaps.sum())
+    return Section(
+        "How the exosuit moves",
+        (
+            "Each pose is a stable equilibrium: a minimum of the potential energy of rod, joints, contact "
+            "and actuation. The actuation u rises from 0 N and falls back, and each pose is the start of "
+            "the next.",
+            Picture(
+                figures.pose_strip(path.images[chosen], [f"u = {path.u[i]:.1f} N" for i in chosen]),
+                "Camera images while u rises.",
+                f"{len(chosen)} gray images of the exosuit bending the finger further and further.",
+            ),
+            Picture(
+                figures.loading_path(path.u, path.net_force, path.snaps),
+                f"Net force on the finger over the actuation. On this path the exosuit snaps {snaps} "
+                f"{'time' if snaps == 1 else 'times'} from one stable pose to another (dotted). A snap may "
+                "come at another load on the way back than on the way up: then the two branches differ in "
+                "between, although nothing here has friction.",
+                "Line plot of F_net over u, one branch for rising and one for falling actuation.",
+            ),
+        ),
+    )
+
+
+def data_section(data: DataSummary) -> Section:
+    """Count what was simulated, left out and kept, and how it was divided."""
+    kept, dropped = sum(data.kept.values()), sum(data.dropped.values())
+    rows: list[tuple[Cell, ...]] = [("simulated", kept + dropped, published.FRAMES_SIMULATED)]
+    rows += [(f"dropped: {cause}", count, None) for cause, count in data.dropped.items()]
+    rows.append(("dropped, all causes", dropped, published.FRAMES_SIMULATED - published.FRAMES_KEPT))
+    rows.append(("kept", kept, published.FRAMES_KEPT))
+    families = tuple((family, count) for family, count in data.kept.items())
+    splits = tuple((name, *counts) for name, counts in data.splits.items())
+    return Section(
+        "Data",
+        (
+            f"{data.shapes} exosuit shapes from five families of surfaces were each driven from 0 N to "
+            f"{published.TRAINING_LIMIT:g} N and back. Every frame is an image with its true forces.",
+            Table("frames", "Frames", (Column("frames"), Column(OURS), Column(PAPER)), tuple(rows)),
+            Table(
+                "families", "Frames kept, by family of shapes", (Column("family"), Column("frames")), families
+            ),
+            Table(
+                "splits",
+                "How the frames are divided",
+                (Column("split"), Column("training"), Column("validation"), Column("test")),
+                splits,
+                "By frame: frames at random, as in the paper. By shape: all frames of one exosuit fall on "
+                "the same side. By family: the test frames come from a family of which nothing is learned.",
+            ),
+        ),
+    )

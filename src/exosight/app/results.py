@@ -1,0 +1,106 @@
+"""What a study has found, as plain data: the material of its report."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from exosight.evaluation.figures.control import ControlTrace
+from exosight.evaluation.metrics import Scores, score
+from exosight.learning.history import EpochRecord
+
+
+@dataclass(frozen=True)
+class PathSummary:
+    """One exosuit driven from 0 N up and back to 0 N in even steps."""
+
+    u: Float[np.ndarray, " steps"]
+    """Actuation [N]."""
+    net_force: Float[np.ndarray, " steps"]
+    """F_net [N]."""
+    snaps: Bool[np.ndarray, " steps"]
+    """Whether the pose jumped since the step before."""
+    images: UInt8[np.ndarray, "steps height width"]
+
+
+@dataclass(frozen=True)
+class DataSummary:
+    """What was simulated and how it was divided."""
+
+    shapes: int
+    dropped: Mapping[str, int]
+    """Cause, in words → frames left out."""
+    kept: Mapping[str, int]
+    """Family of shapes → frames kept."""
+    splits: Mapping[str, tuple[int, int, int]]
+    """Name of the split → frames to learn from, to choose the best epoch, to test."""
+
+
+@dataclass(frozen=True)
+class TrainingRun:
+    """One network that was trained."""
+
+    name: str
+    """Network and split: "light network, by shape"."""
+    parameters: int
+    frames: int
+    """Frames learned from."""
+    history: Sequence[EpochRecord]
+    loss: str
+    """The loss with its unit, for the axis: "L1 loss [N]"."""
+
+    @property
+    def minutes(self) -> float:
+        """Time spent training [min]."""
+        return self.history[-1].seconds / 60
+
+    @property
+    def best(self) -> EpochRecord:
+        """The epoch whose network is kept: the lowest validation loss."""
+        checked = [(r.validation_loss, r) for r in self.history if r.validation_loss is not None]
+        return min(checked, key=lambda pair: pair[0])[1]
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One trained network on frames that it has not learned from."""
+
+    name: str
+    """Network and split, as in its `TrainingRun`."""
+    true: Float[np.ndarray, "frames 7"]
+    """f_C1…f_C7 [N]."""
+    estimated: Float[np.ndarray, "frames 7"]
+    """[N]"""
+
+    @property
+    def scores(self) -> Scores:
+        """RMSE, RMS% and r."""
+        return score(self.true, self.estimated)
+
+
+@dataclass(frozen=True)
+class RobustnessSummary:
+    """The estimator of the closed loop on degraded images."""
+
+    name: str
+    """Network and split, as in its `TrainingRun`."""
+    cases: Mapping[str, Scores]
+    """"clean" and each corruption → scores."""
+    examples: Mapping[str, UInt8[np.ndarray, "frames height width"]]
+    """The same few frames, "clean" and in each corruption."""
+
+
+@dataclass(frozen=True)
+class LoopRun:
+    """One run of the closed loop and what was measured on it."""
+
+    gain: float
+    """K_P [N/N]."""
+    trace: ControlTrace
+    settling_steps: int | None
+    """None: it did not settle."""
+    overshoot: float
+    """Largest true F_net above the target [N]."""
+    steady_state_error: float
+    """Target − mean true F_net at the end [N]."""

@@ -1,0 +1,189 @@
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from exosight.app import chapters
+from exosight.app.report import Listing, Picture, Points, Report, Section, render_report, write_tables
+from exosight.app.results import (
+    DataSummary,
+    Judgement,
+    LoopRun,
+    PathSummary,
+    RobustnessSummary,
+    TrainingRun,
+)
+from exosight.evaluation.published import ROBUSTNESS_PUBLISHED
+from exosight.evaluation.tables import Table
+from exosight.exosuit.finger import Finger
+from exosight.learning.history import EpochRecord
+
+BY_SHAPE, BY_FRAME = "light network, by shape", "light network, by frame"
+
+
+@dataclass
+class Trace:
+    time: np.ndarray
+    target: np.ndarray
+    F_net_true: np.ndarray
+    F_net_estimated: np.ndarray
+    u: np.ndarray
+
+
+def loop(gain: float, target: np.ndarray, settling_steps: int | None) -> LoopRun:
+    time = np.arange(len(target)) / 10
+    force = target * np.linspace(0, 1, len(target))
+    return LoopRun(gain, Trace(time, target, force, force + 0.01, 8 * force - 1), settling_steps, 0.02, 0.004)
+
+
+STEADY = [loop(5.0, np.full(20, 0.25), 6), loop(5.0, np.full(20, 0.4), None)]
+STEPS = [loop(gain, np.repeat([0.2, 0.0], 10), None) for gain in (0.1, 100.0)]
+HISTORY = [
+    EpochRecord(1, 10, 1e-3, 0.5, 0.4, 0.05, 60.0),
+    EpochRecord(2, 20, 1e-3, 0.4, None, None, 120.0),
+    EpochRecord(3, 30, 1e-4, 0.3, 0.2, 0.02, 180.0),
+    EpochRecord(4, 40, 1e-4, 0.2, 0.3, 0.03, 240.0),
+]
+RUNS = [TrainingRun(name, 71_215, 3300, HISTORY, "L1 loss [N]") for name in (BY_SHAPE, BY_FRAME)]
+DATA = DataSummary(
+    110, {"tip below": 300, "not converged": 7}, {"linear": 3000, "sine": 2193}, {"by shape": (6, 2, 2)}
+)
+
+
+def images(count: int) -> np.ndarray:
+    return np.full((count, 16, 16), 200, np.uint8)
+
+
+def judgements() -> list[Judgement]:
+    rng = np.random.default_rng(0)
+    true = rng.gamma(1.0, 0.2, (40, 7))
+    return [
+        Judgement(name, true, (true + rng.normal(0, noise, true.shape)).astype(np.float32))
+        for name, noise in ((BY_SHAPE, 0.05), (BY_FRAME, 0.01))
+    ]
+
+
+def robustness() -> RobustnessSummary:
+    scores = judgements()[0].scores
+    names = ROBUSTNESS_PUBLISHED
+    return RobustnessSummary(BY_SHAPE, {name: scores for name in names}, {name: images(2) for name in names})
+
+
+def path() -> PathSummary:
+    u = np.concatenate([np.linspace(0, 4, 9), np.linspace(4, 0, 9)[1:]])
+    return PathSummary(u, u / 8, np.arange(17) == 5, images(17))
+
+
+def sections() -> tuple[Section, ...]:
+    return (
+        chapters.introduction(Figure()),
+        chapters.headline(RUNS, judgements(), robustness(), STEADY),
+        chapters.motion(path()),
+        chapters.data_section(DATA),
+        chapters.learning(RUNS),
+        chapters.accuracy(judgements()),
+        chapters.robustness_section(robustness()),
+        chapters.closed_loop(STEADY, STEPS, images(3), (0.0, 5.0, 10.0)),
+        chapters.limits(),
+        chapters.remake("exosight study", "seed: 0\n", 0, {"exosight": "0.1.0"}),
+    )
+
+
+@pytest.fixture(scope="module")
+def study() -> Report:
+    return Report("A study", "Summary.", sections(), "seed 0")
+
+
+def tables(section: Section) -> dict[str, Table]:
+    return {block.name: block for block in section.blocks if isinstance(block, Table)}
+
+
+def test_sections_make_a_report_and_its_tables(study, tmp_path):
+    html = render_report(study)
+    assert len(html) < 6_000_000
+    names = {path.name for path in write_tables(study, tmp_path)}
+    assert {"headline.csv", "contacts_1.json", "robustness.csv", "steady_states.json"} <= names
+
+
+def test_every_section_says_something_and_every_picture_has_words(study):
+    assert len({section.title for section in study.sections}) == len(study.sections)
+    for section in study.sections:
+        assert section.blocks
+        for block in section.blocks:
+            if isinstance(block, Picture):
+                assert block.caption
+                assert block.alt
+
+
+def test_headline_puts_each_network_beside_the_paper():
+    table = tables(chapters.headline(RUNS, judgements(), robustness(), STEADY))["headline"]
+    by_shape, by_frame, paper = table.records()
+    assert [row["network, split"] for row in table.records()] == [BY_SHAPE, BY_FRAME, "paper, by frame"]
+    assert by_shape["mean over C1…C7 r"] == judgements()[0].scores.r.mean
+    assert paper["mean over C1…C7 r"] == 0.83
+    settled = [key for key in paper if key.startswith("steps to settle")]
+    # Only the network of the closed loop has settled; the paper had no target of 0.4 N.
+    assert [by_shape[key] for key in settled] == [6, None]
+    assert [by_frame[key] for key in settled] == [None, None]
+    assert [paper[key] for key in settled] == [7, None]
+
+
+def test_spheres_sit_at_the_bases_and_the_centres_of_mass():
+    finger = Finger()
+    ends = np.concatenate([[0], np.cumsum(finger.lengths)])
+    straight = np.column_stack([ends, np.zeros(5)])
+    flat = chapters.sphere_centres(finger, straight)
+    np.testing.assert_array_equal(flat[::2], straight[:-1])
+    expected = [ends[link] + finger.centre_of_mass(link) for link in range(4)]
+    np.testing.assert_allclose(flat[1::2, 0], expected, rtol=1e-12)  # one division and one sum apart
+    turned = chapters.sphere_centres(finger, straight[:, ::-1] * [1, -1])
+    np.testing.assert_allclose(turned, flat[:, ::-1] * [1, -1], atol=1e-15)
+
+
+def test_frames_add_up():
+    rows = {row["frames"]: row for row in tables(chapters.data_section(DATA))["frames"].records()}
+    assert rows["kept"]["exosight"] == 5193
+    assert rows["dropped, all causes"]["exosight"] == 307
+    assert rows["simulated"]["exosight"] == 5500
+    assert rows["dropped: tip below"]["exosight"] == 300
+    assert rows["dropped, all causes"]["paper"] == 3113
+
+
+def test_training_tells_the_kept_epoch_and_the_time():
+    row = tables(chapters.learning(RUNS))["training"].records()[0]
+    assert (row["epochs"], row["best epoch"]) == (4, 3)
+    assert row["validation error [N]"] == 0.02
+    assert row["time [min]"] == 4.0
+
+
+def test_accuracy_of_one_network_needs_no_table_of_means():
+    assert "accuracy" not in tables(chapters.accuracy(judgements()[:1]))
+    assert "accuracy" in tables(chapters.accuracy(judgements()))
+
+
+def test_steady_states_stand_beside_the_papers_settling_steps():
+    first, second = tables(chapters.closed_loop(STEADY, STEPS, images(1), (0.0,)))["steady_states"].records()
+    assert (first["steps to settle exosight"], first["steps to settle paper"]) == (6, 7)
+    assert (second["steps to settle exosight"], second["steps to settle paper"]) == (None, None)
+    assert first["overshoot [N]"] == 0.02
+
+
+def test_step_responses_are_read_before_the_switch_and_at_the_end():
+    row = tables(chapters.closed_loop(STEADY, STEPS, images(1), (0.0,)))["step_responses"].records()[1]
+    force = STEPS[1].trace.F_net_true
+    assert row["true F_net before the switch [N]"] == force[9]
+    assert row["true F_net largest [N]"] == force.max()
+    assert row["true F_net at the end [N]"] == 0
+    assert "0.23 N" in str(row["paper"])
+
+
+def test_snaps_are_counted_in_words():
+    captions = [block.caption for block in chapters.motion(path()).blocks if isinstance(block, Picture)]
+    assert any("snaps 1 time from" in caption for caption in captions)
+
+
+def test_limits_are_a_list_and_the_command_is_quoted_whole():
+    assert isinstance(chapters.limits().blocks[0], Points)
+    listings = [block for block in sections()[-1].blocks if isinstance(block, Listing)]
+    assert [block.text for block in listings] == ["exosight study", "seed: 0\n"]
