@@ -16,7 +16,6 @@ from exosight.app.results import (
 )
 from exosight.evaluation.published import ROBUSTNESS_PUBLISHED
 from exosight.evaluation.tables import Table
-from exosight.exosuit.finger import Finger
 from exosight.learning.history import EpochRecord
 
 BY_SHAPE, BY_FRAME = "light network, by shape", "light network, by frame"
@@ -127,18 +126,6 @@ def test_headline_puts_each_network_beside_the_paper():
     assert [by_shape[key] for key in settled] == [6, None]
     assert [by_frame[key] for key in settled] == [None, None]
     assert [paper[key] for key in settled] == [7, None]
-
-
-def test_spheres_sit_at_the_bases_and_the_centres_of_mass():
-    finger = Finger()
-    ends = np.concatenate([[0], np.cumsum(finger.lengths)])
-    straight = np.column_stack([ends, np.zeros(5)])
-    flat = chapters.sphere_centres(finger, straight)
-    np.testing.assert_array_equal(flat[::2], straight[:-1])
-    expected = [ends[link] + finger.centre_of_mass(link) for link in range(4)]
-    np.testing.assert_allclose(flat[1::2, 0], expected, rtol=1e-12)  # one division and one sum apart
-    turned = chapters.sphere_centres(finger, straight[:, ::-1] * [1, -1])
-    np.testing.assert_allclose(turned, flat[:, ::-1] * [1, -1], atol=1e-15)
 
 
 def test_frames_add_up():

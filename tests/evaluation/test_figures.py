@@ -296,3 +296,10 @@ def test_overview_names_the_parts_and_shows_the_forces_of_its_image():
     # The line of actuation lies on the side away from the finger.
     curve = next(drawn for drawn in system.get_lines() if len(drawn.get_xdata()) == 42)
     assert (curve.get_ydata() > 100 * (0.02 - 3 * np.linspace(0, 0.1, 42) ** 2)).all()
+
+
+def test_spheres_sit_at_the_bases_and_the_centres_of_mass():
+    joints = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, -4.0], [6.0, -8.0], [6.0, -9.0]])
+    centres = figures.sphere_centres(joints, np.array([1.0, 2.0, 2.5, 0.5]))
+    np.testing.assert_array_equal(centres[::2], joints[:-1])
+    np.testing.assert_allclose(centres[1::2], [[1, 0], [3, -2], [4.5, -6], [6, -8.5]], rtol=1e-15)

@@ -2,8 +2,7 @@
 
 Numbers in the text come from the results; what the text says without one is true of every study.
 
-introduction, sphere_centres, motion,
-data_section                                  system.py
+introduction, motion, data_section            system.py
 learning, accuracy, robustness_section        estimator.py
 closed_loop                                   loop.py
 headline, limits, remake                      summary.py
@@ -12,7 +11,7 @@ headline, limits, remake                      summary.py
 from exosight.app.chapters.estimator import accuracy, learning, robustness_section
 from exosight.app.chapters.loop import closed_loop
 from exosight.app.chapters.summary import headline, limits, remake
-from exosight.app.chapters.system import data_section, introduction, motion, sphere_centres
+from exosight.app.chapters.system import data_section, introduction, motion
 
 __all__ = [
     "accuracy",
@@ -25,5 +24,4 @@ __all__ = [
     "motion",
     "remake",
     "robustness_section",
-    "sphere_centres",
 ]

@@ -1,14 +1,12 @@
 """Sections on the system: what it is, how it moves, what was simulated."""
 
 import numpy as np
-from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from exosight.app.report import Picture, Section
 from exosight.app.results import DataSummary, PathSummary
 from exosight.evaluation import figures, published
 from exosight.evaluation.tables import OURS, PAPER, Cell, Column, Table
-from exosight.exosuit.finger import Finger
 
 
 def introduction(overview: Figure) -> Section:
@@ -35,19 +33,6 @@ def introduction(overview: Figure) -> Section:
             "below; its results stand beside those of this study.",
         ),
     )
-
-
-def sphere_centres(finger: Finger, joints: Float[np.ndarray, "5 2"]) -> Float[np.ndarray, "8 2"]:
-    """Return where C0…C7 lie, for the overview: at the base and the centre of mass of each link.
-
-    joints   (5, 2)   x, z of the joints and the tip [m], as in `exosight.exosuit.assembly.Pose.finger`
-    returns  (8, 2)   [m]
-    """
-    centres = []
-    for link, length in enumerate(finger.lengths):
-        base, end = joints[link], joints[link + 1]
-        centres += [base, base + finger.centre_of_mass(link) / length * (end - base)]
-    return np.array(centres)
 
 
 def motion(path: PathSummary) -> Section:

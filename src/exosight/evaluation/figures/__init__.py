@@ -1,6 +1,7 @@
 """Figures of the results: plain arrays in, a Matplotlib Figure out, one look for all.
 
-overview, loading_path, find_snaps, pose_strip              motion.py
+overview, sphere_centres, loading_path, find_snaps,
+pose_strip                                                  motion.py
 loss_curves                                                 learning.py
 sample_traces, predicted_against_true, rainclouds           accuracy.py
 corrupted_examples, robustness_bars                         robustness.py
@@ -11,7 +12,7 @@ to_svg                                                      style.py
 from exosight.evaluation.figures.accuracy import predicted_against_true, rainclouds, sample_traces
 from exosight.evaluation.figures.control import steady_states, step_responses
 from exosight.evaluation.figures.learning import loss_curves
-from exosight.evaluation.figures.motion import find_snaps, loading_path, overview, pose_strip
+from exosight.evaluation.figures.motion import find_snaps, loading_path, overview, pose_strip, sphere_centres
 from exosight.evaluation.figures.robustness import corrupted_examples, robustness_bars
 from exosight.evaluation.figures.style import to_svg
 
@@ -26,6 +27,7 @@ __all__ = [
     "rainclouds",
     "robustness_bars",
     "sample_traces",
+    "sphere_centres",
     "steady_states",
     "step_responses",
     "to_svg",

@@ -66,6 +66,23 @@ def overview(
     return figure
 
 
+def sphere_centres(
+    joints: Float[np.ndarray, "5 2"], centres_of_mass: Float[np.ndarray, " 4"]
+) -> Float[np.ndarray, "8 2"]:
+    """Return where C0…C7 lie, for `overview`: at the base and the centre of mass of each link.
+
+    joints           (5, 2)   x, z of the joints and the fingertip [m]
+    centres_of_mass  (4,)     distance from the base of each link [m]
+    returns          (8, 2)   [m]
+    """
+    links = np.diff(joints, axis=0)
+    along = links / np.linalg.norm(links, axis=1, keepdims=True)
+    centres = np.empty((8, 2))
+    centres[::2] = joints[:-1]
+    centres[1::2] = joints[:-1] + centres_of_mass[:, None] * along
+    return centres
+
+
 @styled
 def loading_path(
     u: Float[np.ndarray, " steps"], net_force: Float[np.ndarray, " steps"], snaps: Bool[np.ndarray, " steps"]
