@@ -170,7 +170,7 @@ def test_snaps_are_counted_in_words():
     assert any("snaps 1 time from" in caption for caption in captions)
 
 
-def test_limits_are_a_list_and_the_command_is_quoted_whole():
+def test_limits_are_a_list_and_the_command_is_quoted_whole(study):
     assert isinstance(chapters.limits().blocks[0], Points)
-    listings = [block for block in sections()[-1].blocks if isinstance(block, Listing)]
+    listings = [block for block in study.sections[-1].blocks if isinstance(block, Listing)]
     assert [block.text for block in listings] == ["exosight study", "seed: 0\n"]
