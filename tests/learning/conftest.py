@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from exosight.learning import TrainConfig, train
-from exosight.learning.frames import Frames
+from exosight.learning.samples import Samples
 
 IDENTITY = {"camera": "512 px/m", "shapes": 3, "young": 300e3}
 
 
 @pytest.fixture(scope="session")
-def blobs() -> Frames:
+def blobs() -> Samples:
     """80 frames of 32×32; forces follow from the picture alone, C6 is never loaded."""
     generator = np.random.default_rng(7)
     y, x = np.mgrid[:32, :32] / 32
@@ -23,7 +23,7 @@ def blobs() -> Frames:
         brightness = generator.uniform(0.3, 1.0)
         image[:] = 255 * brightness * np.exp(-((x - a) ** 2 + (y - b) ** 2) / 0.02)
         force[:] = [a, b, brightness, 0.2 * a * b, max(0.0, a - 0.5), 0.0, 2.0 * brightness]
-    return Frames(images, forces, np.arange(64), np.arange(64, 80))
+    return Samples(images, forces, np.arange(64), np.arange(64, 80))
 
 
 @pytest.fixture(scope="session")
@@ -33,7 +33,7 @@ def small() -> TrainConfig:
 
 
 @pytest.fixture(scope="session")
-def trained(tmp_path_factory: pytest.TempPathFactory, blobs: Frames, small: TrainConfig) -> Path:
+def trained(tmp_path_factory: pytest.TempPathFactory, blobs: Samples, small: TrainConfig) -> Path:
     """The folder of that run, never stopped."""
     folder = tmp_path_factory.mktemp("runs") / "whole"
     train(small, blobs.images, blobs.forces, blobs.train_index, blobs.validation_index, folder, IDENTITY)

@@ -37,7 +37,6 @@ def test_a_checkpoint_reads_back_whole(trained: Path, tmp_path: Path):
     assert (second.run, second.position, second.history) == (first.run, first.position, first.history)
     assert second.run.data_identity == {"camera": "512 px/m", "shapes": 3, "young": 300e3}
     assert all(torch.equal(tensor, second.tensors[name]) for name, tensor in first.tensors.items())
-    assert (tmp_path / CHECKPOINT_NAME).read_bytes() == (trained / CHECKPOINT_NAME).read_bytes()
 
 
 @with_files

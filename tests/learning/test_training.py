@@ -9,7 +9,7 @@ import torch
 from exosight.errors import InputError
 from exosight.learning import EpochRecord, TrainConfig, TrainResult, load_model, read_history, train, training
 from exosight.learning.checkpoint import CHECKPOINT_NAME, Checkpoint, load_checkpoint
-from exosight.learning.frames import Frames
+from exosight.learning.samples import Samples
 from exosight.learning.training import Progress
 
 Identity = dict[str, str | int | float]
@@ -27,9 +27,9 @@ def kill_after(step: int) -> Callable[[Progress], None]:
     return check
 
 
-def run(config: TrainConfig, frames: Frames, folder: Path, identity: Identity, **options) -> TrainResult:
-    index = (frames.train_index, frames.validation_index)
-    return train(config, frames.images, frames.forces, *index, folder, identity, **options)
+def run(config: TrainConfig, samples: Samples, folder: Path, identity: Identity, **options) -> TrainResult:
+    index = (samples.train_index, samples.validation_index)
+    return train(config, samples.images, samples.forces, *index, folder, identity, **options)
 
 
 def without_seconds(history: tuple[EpochRecord, ...]) -> list[EpochRecord]:
@@ -45,9 +45,9 @@ def assert_same_to_the_last_bit(first: Checkpoint, second: Checkpoint) -> None:
         assert torch.equal(tensor, second.tensors[name]), name
 
 
-def test_light_network_learns_64_images_by_heart(tmp_path: Path, blobs: Frames, identity: Identity):
-    frames = replace(blobs, validation_index=np.arange(64, 80))
-    run(TrainConfig(epochs=60, batch=16, threads=1, seed=1), frames, tmp_path / "run", identity)
+def test_light_network_learns_64_images_by_heart(tmp_path: Path, blobs: Samples, identity: Identity):
+    samples = replace(blobs, validation_index=np.arange(64, 80))
+    run(TrainConfig(epochs=60, batch=16, threads=1, seed=1), samples, tmp_path / "run", identity)
     with torch.inference_mode():
         forces = load_model(tmp_path / "run")(torch.from_numpy(blobs.images[:64, None]) / 255).numpy()
     error = np.abs(forces - blobs.forces[:64]).mean(axis=0)
@@ -59,7 +59,7 @@ def test_light_network_learns_64_images_by_heart(tmp_path: Path, blobs: Frames, 
 
 @pytest.mark.parametrize("step", [1, 12, 13, 15])
 def test_a_killed_run_resumes_exactly(
-    tmp_path: Path, trained: Path, blobs: Frames, small: TrainConfig, identity: Identity, step: int
+    tmp_path: Path, trained: Path, blobs: Samples, small: TrainConfig, identity: Identity, step: int
 ):
     """Killed in the first epoch, just before the third one's checkpoint, just after it, and in the fourth."""
     with pytest.raises(Killed):
@@ -73,7 +73,7 @@ def test_a_killed_run_resumes_exactly(
 def test_a_run_killed_within_a_long_epoch_loses_nothing_that_was_saved(
     tmp_path: Path,
     trained: Path,
-    blobs: Frames,
+    blobs: Samples,
     small: TrainConfig,
     identity: Identity,
     step: int,
@@ -88,7 +88,7 @@ def test_a_run_killed_within_a_long_epoch_loses_nothing_that_was_saved(
 
 
 def test_resuming_a_completed_run_changes_nothing(
-    trained: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     before = (trained / CHECKPOINT_NAME).read_bytes()
     result = run(small, blobs, trained, identity, resume=True)
@@ -98,21 +98,21 @@ def test_resuming_a_completed_run_changes_nothing(
 
 
 def test_resume_starts_a_run_where_there_is_none(
-    tmp_path: Path, trained: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    tmp_path: Path, trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     run(small, blobs, tmp_path / "new" / "run", identity, resume=True)
     assert_same_to_the_last_bit(load_checkpoint(tmp_path / "new" / "run"), load_checkpoint(trained))
 
 
 def test_another_seed_is_another_run(
-    tmp_path: Path, trained: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    tmp_path: Path, trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     run(replace(small, seed=6), blobs, tmp_path / "run", identity)
     assert without_seconds(read_history(tmp_path / "run")) != without_seconds(read_history(trained))
 
 
 def test_global_state_of_pytorch_is_left_alone(
-    tmp_path: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     random, threads = torch.get_rng_state(), torch.get_num_threads()
     run(replace(small, epochs=1, threads=threads + 1), blobs, tmp_path / "run", identity)
@@ -129,7 +129,7 @@ def test_history_counts_epochs_steps_and_rates(trained: Path):
     assert sorted(record.seconds for record in history) == [record.seconds for record in history]
 
 
-def test_validation_losses_are_those_of_the_kept_network(trained: Path, blobs: Frames):
+def test_validation_losses_are_those_of_the_kept_network(trained: Path, blobs: Samples):
     checkpoint = load_checkpoint(trained)
     best = checkpoint.history[checkpoint.position.best_epoch - 1]
     with torch.inference_mode():
@@ -141,7 +141,7 @@ def test_validation_losses_are_those_of_the_kept_network(trained: Path, blobs: F
 
 
 def test_paper_recipe_validates_every_fifth_epoch_and_stops_when_stalled(
-    tmp_path: Path, blobs: Frames, identity: Identity, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, blobs: Samples, identity: Identity, monkeypatch: pytest.MonkeyPatch
 ):
     scripted = iter([1.0, 0.8, 0.9, 0.8, 0.85, 0.9, 0.8, 0.1])
     monkeypatch.setattr(training, "_validate", lambda *_: (next(scripted), 0.5))
@@ -159,14 +159,14 @@ def test_paper_recipe_validates_every_fifth_epoch_and_stops_when_stalled(
 def test_paper_network_trains(tmp_path: Path, identity: Identity):
     images = np.zeros((4, 128, 128), np.uint8)
     images[:, :, :64] = np.arange(4)[:, None, None] * 80
-    frames = Frames(images, np.ones((4, 7), np.float32), np.arange(3), np.arange(3, 4))
-    result = run(TrainConfig(network="paper", epochs=2, threads=1), frames, tmp_path / "run", identity)
+    samples = Samples(images, np.ones((4, 7), np.float32), np.arange(3), np.arange(3, 4))
+    result = run(TrainConfig(network="paper", epochs=2, threads=1), samples, tmp_path / "run", identity)
     assert result.best.epoch == 2
     assert result.history[0].validation_loss is None
 
 
 def test_a_folder_that_holds_a_run_is_refused(
-    trained: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     before = (trained / CHECKPOINT_NAME).read_bytes()
     with pytest.raises(InputError, match="already holds a training run"):
@@ -175,7 +175,7 @@ def test_a_folder_that_holds_a_run_is_refused(
 
 
 def test_a_history_without_its_checkpoint_is_not_overwritten(
-    tmp_path: Path, trained: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    tmp_path: Path, trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     (tmp_path / "history.csv").write_bytes((trained / "history.csv").read_bytes())
     with pytest.raises(InputError, match="without its checkpoint"):
@@ -183,7 +183,7 @@ def test_a_history_without_its_checkpoint_is_not_overwritten(
 
 
 def test_other_files_in_the_folder_are_left_alone(
-    tmp_path: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     (tmp_path / "config.json").write_text("mine")
     run(replace(small, epochs=1), blobs, tmp_path, identity)
@@ -201,14 +201,14 @@ def test_other_files_in_the_folder_are_left_alone(
     ],
 )
 def test_resuming_another_configuration_is_refused(
-    trained: Path, blobs: Frames, small: TrainConfig, identity: Identity, other: dict, message: str
+    trained: Path, blobs: Samples, small: TrainConfig, identity: Identity, other: dict, message: str
 ):
     with pytest.raises(InputError, match=message):
         run(replace(small, **other), blobs, trained, identity, resume=True)
 
 
 def test_resuming_with_other_data_is_refused(
-    trained: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     with pytest.raises(InputError, match=r"its young is 300000\.0, asked for is 200000\.0"):
         run(small, blobs, trained, identity | {"young": 200e3}, resume=True)
@@ -221,7 +221,7 @@ def test_resuming_with_other_data_is_refused(
 
 
 def test_refused_frames_leave_no_folder(
-    tmp_path: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     forces = blobs.forces.copy()
     forces[2, 2] = np.nan
@@ -237,7 +237,7 @@ def test_refused_frames_leave_no_folder(
 
 
 def test_a_loss_that_is_not_finite_ends_the_run_and_keeps_its_checkpoint(
-    tmp_path: Path, blobs: Frames, small: TrainConfig, identity: Identity, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity, monkeypatch: pytest.MonkeyPatch
 ):
     losses = iter([1.0] * 6)
     monkeypatch.setattr(training, "_step", lambda *_: next(losses, float("nan")))
@@ -247,7 +247,7 @@ def test_a_loss_that_is_not_finite_ends_the_run_and_keeps_its_checkpoint(
 
 
 def test_progress_is_told_after_every_step(
-    tmp_path: Path, blobs: Frames, small: TrainConfig, identity: Identity
+    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
 ):
     told: list[Progress] = []
     run(replace(small, epochs=2), blobs, tmp_path / "run", identity, progress=told.append)
@@ -259,6 +259,6 @@ def test_progress_is_told_after_every_step(
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")
-def test_a_missing_gpu_is_said(tmp_path: Path, blobs: Frames, small: TrainConfig, identity: Identity):
+def test_a_missing_gpu_is_said(tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity):
     with pytest.raises(InputError, match="no GPU"):
         run(replace(small, device="cuda"), blobs, tmp_path / "run", identity)

@@ -21,9 +21,9 @@ import exosight
 from exosight.errors import DataError, InputError
 from exosight.learning.config import Settings
 from exosight.learning.files import write_atomically
-from exosight.learning.frames import CONTACTS
 from exosight.learning.history import EpochRecord
 from exosight.learning.networks import ForceModel, ImageSize, build_network
+from exosight.learning.samples import CONTACTS
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 MOMENTS = ("exp_avg", "exp_avg_sq")

@@ -16,9 +16,9 @@ import exosight
 from exosight.errors import DataError, InputError
 from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
 from exosight.learning.files import write_atomically
-from exosight.learning.frames import CONTACTS
 from exosight.learning.model_file import ModelCard, card_to_metadata, open_session, seal
 from exosight.learning.networks import ForceModel
+from exosight.learning.samples import CONTACTS
 
 # Operator set 18 with file format 8, both of ONNX 1.13 (2022): the oldest that PyTorch writes, so that
 # MATLAB's importNetworkFromONNX and other readers that lag behind can follow.

@@ -5,7 +5,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from exosight.errors import InputError
-from exosight.learning.frames import CONTACTS
+from exosight.learning.samples import CONTACTS
 
 ImageSize = tuple[int, int]
 """(height, width) [pixels]"""

@@ -17,11 +17,18 @@ from torch import Tensor, nn
 from exosight.errors import InputError
 from exosight.learning.checkpoint import Position, RunIdentity
 from exosight.learning.config import Settings, TrainConfig, resolve
-from exosight.learning.frames import CONTACTS, Frames, check_frames, epoch_batches, fingerprint, force_scale
 from exosight.learning.history import EpochRecord
 from exosight.learning.networks import ForceModel
 from exosight.learning.recipes import RECIPES
 from exosight.learning.run import Run, copy_of, open_run
+from exosight.learning.samples import (
+    CONTACTS,
+    Samples,
+    check_samples,
+    epoch_batches,
+    fingerprint,
+    force_scale,
+)
 
 CHECKPOINT_SECONDS = 30.0
 """Within a long epoch, the most work a killed run loses [s]; every epoch ends in a checkpoint anyway."""
@@ -78,38 +85,38 @@ def train(
     Raises InputError for frames that cannot be learned from, a folder that already holds a run, a run to be
     resumed that is another one, and a loss that is no longer finite; DataError for a damaged checkpoint.
     """
-    frames = Frames(images, forces, train_index, validation_index)
-    check_frames(frames)
+    samples = Samples(images, forces, train_index, validation_index)
+    check_samples(samples)
     settings = resolve(config, _device(config.device))
     scales = RECIPES[settings.recipe].scales_forces
     identity = RunIdentity(
         settings=settings,
         data_identity=_plain(data_identity),
-        fingerprint=fingerprint(frames),
+        fingerprint=fingerprint(samples),
         image_size=(images.shape[1], images.shape[2]),
         force_scale=tuple(force_scale(forces[train_index]).tolist()) if scales else (1.0,) * len(CONTACTS),
     )
     with _compute(settings):
         run = open_run(identity, folder, resume)
         while not run.position.complete:
-            _run_epoch(run, frames, progress)
+            _run_epoch(run, samples, progress)
     return TrainResult(folder, run.history, run.history[run.position.best_epoch - 1])
 
 
-def _run_epoch(run: Run, frames: Frames, progress: Callable[[Progress], None] | None) -> None:
+def _run_epoch(run: Run, samples: Samples, progress: Callable[[Progress], None] | None) -> None:
     """Take a run from where it stands to the end of its epoch."""
     settings, epoch = run.identity.settings, run.position.epoch + 1
     started = time.perf_counter() - run.position.seconds
-    rate = _run_steps(run, frames, started, progress)
+    rate = _run_steps(run, samples, started, progress)
     loss = l1 = None
     if epoch % run.recipe.validate_every == 0 or epoch == settings.epochs:
-        loss, l1 = _validate(run, frames)
+        loss, l1 = _validate(run, samples)
         _require_finite(loss, "validation loss", epoch, settings)
     record = EpochRecord(
         epoch=epoch,
         step=run.position.step,
         learning_rate=rate,
-        train_loss=run.position.loss_sum / len(frames.train_index),
+        train_loss=run.position.loss_sum / len(samples.train_index),
         validation_loss=loss,
         validation_l1=l1,
         seconds=time.perf_counter() - started,
@@ -129,11 +136,11 @@ def _run_epoch(run: Run, frames: Frames, progress: Callable[[Progress], None] | 
 
 
 def _run_steps(
-    run: Run, frames: Frames, started: float, progress: Callable[[Progress], None] | None
+    run: Run, samples: Samples, started: float, progress: Callable[[Progress], None] | None
 ) -> float:
     """Take the steps left in the epoch, with a checkpoint now and then; returns the last learning rate."""
     settings, epoch = run.identity.settings, run.position.epoch + 1
-    batches = epoch_batches(frames.train_index, settings.batch, settings.seed, epoch)
+    batches = epoch_batches(samples.train_index, settings.batch, settings.seed, epoch)
     steps = settings.epochs * len(batches)
     latest = run.history[-1] if run.history else None
     # A resumed epoch may have no step left, yet its record names the rate of its last one.
@@ -141,7 +148,7 @@ def _run_steps(
     saved = time.perf_counter()
     for chosen in batches[run.position.batch :]:
         rate = run.recipe.rate(settings.learning_rate, run.position.step, steps, run.history)
-        loss = _step(run, *_tensors(frames, chosen, settings.device), rate)
+        loss = _step(run, *_tensors(samples, chosen, settings.device), rate)
         _require_finite(loss, "loss", epoch, settings)
         now = time.perf_counter()
         run.position = replace(
@@ -173,15 +180,15 @@ def _step(
     return loss.item()
 
 
-def _validate(run: Run, frames: Frames) -> tuple[float, float]:
+def _validate(run: Run, samples: Samples) -> tuple[float, float]:
     """L1 in units of the scale, and L1 in newtons, of the forces that the network would answer in use."""
     model = ForceModel(run.network, run.scale).eval()
-    index = frames.validation_index
+    index = samples.validation_index
     totals = torch.zeros(2, dtype=torch.float64)
     with torch.inference_mode():
         for start in range(0, len(index), _VALIDATION_BATCH):
             chosen = index[start : start + _VALIDATION_BATCH]
-            images, forces = _tensors(frames, chosen, run.identity.settings.device)
+            images, forces = _tensors(samples, chosen, run.identity.settings.device)
             error = (model(images) - forces).abs()
             totals += torch.stack([(error / run.scale).double().mean(), error.double().mean()]).cpu() * len(
                 chosen
@@ -191,11 +198,11 @@ def _validate(run: Run, frames: Frames) -> tuple[float, float]:
 
 
 def _tensors(
-    frames: Frames, index: Integer[np.ndarray, " batch"], device: str
+    samples: Samples, index: Integer[np.ndarray, " batch"], device: str
 ) -> tuple[Float[Tensor, "batch 1 height width"], Float[Tensor, "batch 7"]]:
     """A batch: images in [0, 1], forces [N]. The frames stay uint8 in memory until here."""
-    images = torch.from_numpy(frames.images[index]).to(device).float().div_(255.0).unsqueeze(1)
-    return images, torch.from_numpy(frames.forces[index]).to(device)
+    images = torch.from_numpy(samples.images[index]).to(device).float().div_(255.0).unsqueeze(1)
+    return images, torch.from_numpy(samples.forces[index]).to(device)
 
 
 def _require_finite(loss: float, name: str, epoch: int, settings: Settings) -> None:

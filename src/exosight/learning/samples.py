@@ -18,7 +18,7 @@ _SMALLEST_SCALE = 0.01
 
 
 @dataclass(frozen=True)
-class Frames:
+class Samples:
     """What a network learns from, and what chooses its best epoch."""
 
     images: np.ndarray
@@ -31,14 +31,14 @@ class Frames:
     """(m,) frames to validate on"""
 
 
-def check_frames(frames: Frames) -> None:
+def check_samples(samples: Samples) -> None:
     """Refuse frames that cannot be learned from.
 
     Raises InputError for a wrong type, shape or length, a force that is negative or not finite, an empty
     part, an index outside the frames, and a frame in both parts.
     """
-    images, forces = frames.images, frames.forces
-    indices = {"train_index": (frames.train_index, 2), "validation_index": (frames.validation_index, 1)}
+    images, forces = samples.images, samples.forces
+    indices = {"train_index": (samples.train_index, 2), "validation_index": (samples.validation_index, 1)}
     if images.ndim != 3 or images.dtype != np.uint8:
         raise InputError(f"images: expected uint8 (frames, height, width), got {images.dtype} {images.shape}")
     expected = (len(images), len(CONTACTS))
@@ -62,7 +62,7 @@ def check_frames(frames: Frames) -> None:
             raise InputError(
                 f"{name}: expected frame numbers from 0 to {len(images) - 1}, got {index.min()}…{index.max()}"
             )
-    shared = np.intersect1d(frames.train_index, frames.validation_index).size
+    shared = np.intersect1d(samples.train_index, samples.validation_index).size
     if shared:
         raise InputError(f"train_index and validation_index share {shared} frames; split them apart")
 
@@ -86,10 +86,10 @@ def epoch_batches(
     return np.array_split(order, -(-len(order) // batch))
 
 
-def fingerprint(frames: Frames) -> str:
+def fingerprint(samples: Samples) -> str:
     """SHA-256 over types, shapes and contents: tells a resumed run whether the data are the same."""
     digest = hashlib.sha256()
-    for array in (frames.images, frames.forces, frames.train_index, frames.validation_index):
+    for array in (samples.images, samples.forces, samples.train_index, samples.validation_index):
         digest.update(f"{array.dtype.str}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
     return digest.hexdigest()

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exosight.errors import InputError
-from exosight.learning.frames import Frames, check_frames, epoch_batches, fingerprint, force_scale
+from exosight.learning.samples import Samples, check_samples, epoch_batches, fingerprint, force_scale
 
 
-def test_good_frames_pass(blobs: Frames):
-    check_frames(blobs)
+def test_good_frames_pass(blobs: Samples):
+    check_samples(blobs)
 
 
 def broken(forces: np.ndarray, value: float) -> np.ndarray:
@@ -42,18 +42,18 @@ def broken(forces: np.ndarray, value: float) -> np.ndarray:
         (lambda f: {"validation_index": np.array([70, 3])}, "share 1 frames"),
     ],
 )
-def test_frames_that_cannot_be_learned_from_are_refused(blobs: Frames, change, message: str):
+def test_frames_that_cannot_be_learned_from_are_refused(blobs: Samples, change, message: str):
     with pytest.raises(InputError, match=message):
-        check_frames(replace(blobs, **change(blobs)))
+        check_samples(replace(blobs, **change(blobs)))
 
 
-def test_scale_is_the_standard_deviation_of_each_contact(blobs: Frames):
+def test_scale_is_the_standard_deviation_of_each_contact(blobs: Samples):
     scale = force_scale(blobs.forces)
     varying = [0, 1, 2, 3, 4, 6]
     assert scale[varying] == pytest.approx(blobs.forces[:, varying].astype(float).std(axis=0))
 
 
-def test_a_contact_that_never_varies_gets_a_small_scale_not_a_vanishing_one(blobs: Frames):
+def test_a_contact_that_never_varies_gets_a_small_scale_not_a_vanishing_one(blobs: Samples):
     scale = force_scale(blobs.forces)
     assert scale[5] == pytest.approx(scale.max() / 100)
 
@@ -89,7 +89,7 @@ def test_order_follows_from_seed_and_epoch_alone():
     assert order[1] != order[2]
 
 
-def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Frames):
+def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Samples):
     images, forces = blobs.images.copy(), blobs.forces.copy()
     images[3, 2, 1] ^= 1
     forces[0, 0] = np.nextafter(forces[0, 0], np.float32(9))
@@ -99,5 +99,7 @@ def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Frame
         replace(blobs, train_index=blobs.train_index[::-1]),
         replace(blobs, train_index=blobs.train_index[:-1]),
     ]
-    prints = {fingerprint(frames) for frames in [blobs, replace(blobs, images=blobs.images.copy()), *others]}
+    prints = {
+        fingerprint(samples) for samples in [blobs, replace(blobs, images=blobs.images.copy()), *others]
+    }
     assert len(prints) == 1 + len(others)
