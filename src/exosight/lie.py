@@ -57,7 +57,9 @@ def hat(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     return rows.reshape(*omega.shape[:-1], 3, 3)
 
 
-def pose(rotation: Float[Array, "*batch 3 3"], position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4 4"]:
+def pose(
+    rotation: Float[Array, "*batch 3 3"], position: Float[Array, "*batch 3"]
+) -> Float[Array, "*batch 4 4"]:
     """The 4×4 matrix of a rotation and a position [m]."""
     top = jnp.concatenate([rotation, position[..., None]], axis=-1)
     bottom = jnp.broadcast_to(jnp.array([0.0, 0.0, 0.0, 1.0]), (*top.shape[:-2], 1, 4))

@@ -41,7 +41,7 @@ class Finger:
             )
         if not len(self.joint_stiffness) == len(self.joint_range) <= len(self.lengths):
             raise InputError(
-                "finger joints: expected one stiffness and one range a hinge and at most one hinge a link, got "
+                "finger joints: expected one stiffness and one range a hinge; at most a hinge a link; got "
                 f"{len(self.joint_stiffness)}, {len(self.joint_range)} and {len(self.lengths)} links"
             )
         for name, values in (("lengths", self.lengths), ("radii", self.radii)):

@@ -1,11 +1,11 @@
 """Soft and rigid multibody mechanics from one scalar: the potential energy of a kinematic tree.
 
-    basis, quadrature, section   what a rod is made of: strain functions, points, stiffness
-    joint, link, rod, robot      the parts and their tree
-    kinematics                   the one walk down the tree: poses, Jacobians, and the way back
-    energy                       what an energy term is, and the terms of rods, joints and weight
-    contact, actuation           spheres that press on each other; pressure along a line
-    equilibrium                  stable minima of the energy, followed along a load path
+basis, quadrature, section   what a rod is made of: strain functions, points, stiffness
+joint, link, rod, robot      the parts and their tree
+kinematics                   the one walk down the tree: poses, Jacobians, and the way back
+energy                       what an energy term is, and the terms of rods, joints and weight
+contact, actuation           spheres that press on each other; pressure along a line
+equilibrium                  stable minima of the energy, followed along a load path
 """
 
 from exosight.mechanics.actuation import PressureLine

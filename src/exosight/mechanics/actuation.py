@@ -13,8 +13,8 @@ from exosight.mechanics.rod import Rod
 class PressureLine(Term):
     """A line along a rod that pushes with u at its ends (u < 0 pulls, as a cable does): Π = −u ℓ(q).
 
-    The line runs at offset d(X) from the axis; its stretch is y = ξ_v + ξ_ω × d + d′, its length ℓ = ∫ |y| ds,
-    and ∂ℓ/∂ξ = (d × t, t) with t = y/|y|: the actuation matrix B of the paper's statics.
+    The line runs at offset d(X) from the axis; its stretch is y = ξ_v + ξ_ω × d + d′, its length
+    ℓ = ∫ |y| ds, and ∂ℓ/∂ξ = (d × t, t) with t = y/|y|: the actuation matrix B of the paper's statics.
 
     rod       name of the rod (static)
     channel   which load it is (static)
@@ -36,8 +36,8 @@ class PressureLine(Term):
         start = columns.start + rod.joint.dofs
         weights = rod.weights()
         phi = rod.functions(rod.quadrature.points) * rod.scale[:, None]
-        angular = phi_rows(phi, rod.rows, (0, 1, 2))
-        linear = phi_rows(phi, rod.rows, (3, 4, 5))
+        angular = _rows(phi, rod.rows, (0, 1, 2))
+        linear = _rows(phi, rod.rows, (3, 4, 5))
         dy = linear + jnp.cross(angular, self.offset[:, :, None], axis=1)  # (points, 3, size)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
@@ -63,7 +63,7 @@ class PressureLine(Term):
         return expand
 
 
-def phi_rows(phi: Float[Array, "points enabled size"], rows: tuple[int, ...], wanted: tuple[int, ...]) -> Array:
+def _rows(phi: Float[Array, "points enabled size"], rows: tuple[int, ...], wanted: tuple[int, ...]) -> Array:
     """Rows `wanted` of the full strain basis; zero where a strain is not enabled."""
     none = jnp.zeros_like(phi[:, 0])
     return jnp.stack([phi[:, rows.index(r)] if r in rows else none for r in wanted], axis=1)

@@ -4,7 +4,7 @@ Adding a basis means adding a frozen dataclass with `size` and `evaluate`.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +12,7 @@ from jaxtyping import Float
 from exosight.errors import InputError
 
 
+@runtime_checkable
 class Basis(Protocol):
     """Functions φ_0 … φ_{size−1} on [0, 1]; hashable, so that compiled code can be shared."""
 

@@ -5,7 +5,8 @@ speaks about frames in spatial wrenches, which are pulled back through the Jacob
 
     ∇Π  = Σ gradient + Jᵀ W            ∇²Π = Σ hessian + geometric stiffness of W,   W = Σ wrench
 
-so that adding an effect means adding one class with a `bind`. Loads u enter linearly, Π = Π₀ + Σ_c u_c Λ_c(q).
+so that adding an effect means adding one class with a `bind`. Loads u enter linearly,
+Π = Π₀ + Σ_c u_c Λ_c(q).
 """
 
 from collections.abc import Callable
@@ -125,7 +126,9 @@ def zero(robot: Robot, loads: Float[Array, " loads"]) -> Expansion:
     )
 
 
-def point_wrench(position: Float[Array, "*batch 3"], force: Float[Array, "*batch 3"]) -> Float[Array, "*batch 6"]:
+def point_wrench(
+    position: Float[Array, "*batch 3"], force: Float[Array, "*batch 3"]
+) -> Float[Array, "*batch 6"]:
     """The spatial wrench (p × f, f) of a force at a point."""
     return jnp.concatenate([jnp.cross(position, force), force], axis=-1)
 

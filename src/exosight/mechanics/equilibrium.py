@@ -1,33 +1,24 @@
-"""Stable equilibria: local minima of the potential energy, followed along a path of loads.
+"""Stable equilibria: local minima of the potential energy, followed along a path of loads, many at a time.
 
-Newton's method on Π, made globally safe: steps solve (∇²Π + λM) p = −∇Π with λ just large enough for a
-Cholesky factor to exist, and are shortened until they lower Π (or, where round-off hides the change of Π, the
-residual). A point counts as converged only if ∇²Π itself is positive definite there, so a saddle, which a
-root finder accepts, is left along a direction of descent. The metric M is the elastic stiffness: in it every
-soft mode weighs its own energy, whatever the units of its coordinate.
-
-Each element of a batch walks its own load path inside one compiled loop and moves on to its next load as soon
-as it has converged, so no element waits for another until the very end.
+Each robot of a batch walks its own path inside one compiled loop and goes on to its next load as soon as it
+has converged (`newton`); robots that have arrived make room for others. So none waits for another.
 """
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from threading import Lock
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Array, Bool, Float, Int
 
 from exosight.errors import InputError
-from exosight.mechanics.energy import Evaluation, potential, stiffness
+from exosight.mechanics.newton import Path, begin, metric_of, stepper
 from exosight.mechanics.robot import Robot
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -36,10 +27,12 @@ class SolverOptions:
 
     tolerance       largest residual of a converged point [-], see `Equilibria`
     max_iterations  Newton steps for one load before it is given up
+    lanes           robots solved side by side in one compiled call
     """
 
     tolerance: float = 1e-10
     max_iterations: int = 200
+    lanes: int = 16
 
 
 class Equilibria(eqx.Module):
@@ -74,7 +67,6 @@ def follow(
     parents: Sequence[int] | None = None,
     q: Float[np.ndarray, "robots dofs"] | None = None,
     options: SolverOptions = SolverOptions(),
-    chunk: int = 32,
     done: Callable[[int], None] = lambda robots: None,
 ) -> Equilibria:
     """The equilibria of each robot along one path of loads, each the start of the next.
@@ -85,215 +77,139 @@ def follow(
               by default the one before: branches of the path let extra loads be asked for without
               changing the others
     q         (robots, dofs)      where the path starts; the unstrained pose by default
-    chunk     robots solved in one compiled call
     done      called with the number of robots finished, as they finish
     returns   Equilibria with batch shape (robots,)
+
+    A robot that finds no equilibrium at a load says so in `converged`, keeps its best point there, and
+    starts the next load from it. Compiled once a structure, and for each power of two of robots and loads.
     """
     loads = np.asarray(loads, dtype=float)
-    if loads.ndim != 2 or not np.all(np.isfinite(loads)):
-        raise InputError(f"loads: expected finite numbers of shape (loads, channels), got shape {loads.shape}")
+    if loads.ndim != 2 or not len(loads) or not np.all(np.isfinite(loads)):
+        raise InputError(
+            f"loads: expected finite numbers of shape (loads, channels), got shape {loads.shape}"
+        )
     parents = np.arange(-1, len(loads) - 1) if parents is None else np.asarray(parents)
-    if np.any(parents >= np.arange(len(loads))) or np.any(parents < -1):
+    if parents.shape != loads.shape[:1] or np.any(parents >= np.arange(len(loads))) or np.any(parents < -1):
         raise InputError("parents: expected each load to start from an earlier one, or from −1")
+    count, channels = loads.shape
     dofs = robots[0].dofs
     start = np.zeros((len(robots), dofs)) if q is None else np.asarray(q, dtype=float)
     if start.shape != (len(robots), dofs) or not np.all(np.isfinite(start)):
         raise InputError(f"q: expected finite numbers of shape ({len(robots)}, {dofs}), got {start.shape}")
 
-    size = min(chunk, len(robots))
-    pieces = [range(i, min(i + size, len(robots))) for i in range(0, len(robots), size)]
+    # Sizes are rounded up to powers of two, so that few different ones are ever compiled.
+    lanes = min(options.lanes, _power_of_two(len(robots)))
+    room = max(16, _power_of_two(count))
+    padded = np.concatenate([loads, np.repeat(loads[-1:], room - count, axis=0)])
+    sources = np.concatenate([parents, np.zeros(room - count, dtype=int)])
+    workers = min(_cores(), -(-len(robots) // lanes))
+    queue = _Queue(len(robots))
+    metrics = np.asarray(_metrics(stack(robots)))
+    results: list[Equilibria | None] = [None] * len(robots)
 
-    def solve(piece: range) -> Equilibria:
-        padded = [min(i, piece[-1]) for i in range(piece[0], piece[0] + size)]  # one shape, one compilation
-        batch = stack([robots[i] for i in padded])
-        found = _follow_batch(batch, start[padded], loads, parents, options.tolerance, options.max_iterations)
-        found = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(piece)], found)
-        done(len(piece))
-        return found
+    def work() -> None:
+        numbers = queue.take(lanes)
+        if not numbers:
+            return
+        numbers += [-1] * (lanes - len(numbers))
+        own = [max(i, 0) for i in numbers]
+        batch, starts = stack([robots[i] for i in own]), start[own]
+        state = _stack([begin(q, room, channels) for q in starts])
+        state.load[np.array(numbers) < 0] = count  # lanes without a robot stand still
+        while any(i >= 0 for i in numbers):
+            # While robots wait, come back as soon as a quarter of the lanes is free for them.
+            enough = min(lanes, numbers.count(-1) + max(1, lanes // 4)) if queue.waiting else lanes
+            limits = (options.tolerance, options.max_iterations, enough)
+            found = _advance(
+                batch, state, starts, padded, sources, *(jnp.asarray(x) for x in (count, *limits))
+            )
+            state = jax.tree.map(np.array, found)
+            arrived = [lane for lane, i in enumerate(numbers) if i >= 0 and state.load[lane] == count]
+            for lane in arrived:
+                i, numbers[lane] = numbers[lane], -1
+                path = jax.tree.map(lambda leaf, lane=lane: leaf[lane], state)
+                results[i] = _result(path, count, metrics[i])
+            done(len(arrived))
+            for lane, i in zip(arrived, queue.take(len(arrived)), strict=False):
+                numbers[lane], starts[lane] = i, start[i]
+                fresh = jax.tree.leaves(begin(start[i], room, channels))
+                for into, leaf in zip(jax.tree.leaves(state), fresh, strict=True):
+                    into[lane] = leaf
+                batch = jax.tree.map(lambda rows, row, lane=lane: rows.at[lane].set(row), batch, robots[i])
 
-    parts = list(_in_threads(solve, pieces))
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    # Compiled calls release Python's lock, so one thread a core keeps every core busy.
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        for future in [pool.submit(work) for _ in range(workers)]:
+            future.result()
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *results)
 
 
-def _in_threads(function: Callable[[range], T], items: Sequence[range]) -> Iterator[T]:
-    """Compiled calls release Python's lock, so one thread a core keeps every core busy."""
-    if len(items) == 1:
-        yield function(items[0])
-        return
-    with ThreadPoolExecutor(max_workers=os.cpu_count()) as pool:
-        yield from pool.map(function, items)
+class _Queue:
+    """Numbers of the robots that nobody has taken yet."""
+
+    def __init__(self, count: int) -> None:
+        self._next, self._count, self._lock = 0, count, Lock()
+
+    @property
+    def waiting(self) -> bool:
+        return self._next < self._count
+
+    def take(self, most: int) -> list[int]:
+        with self._lock:
+            taken = range(self._next, min(self._next + most, self._count))
+            self._next = taken.stop
+        return list(taken)
 
 
-class _Path(NamedTuple):
-    """Where one robot is on its path: the accepted point, the trial point, and what was found so far.
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-    load, steps        index of the load being solved, and Newton steps spent on it
-    q, here, residual  the accepted point, and what was found there
-    step, fraction     the direction being tried, and how much of it; the trial point is q + fraction · step
-    slope              dΠ along the whole step [J]
-    fresh              the trial point is a new start, to be accepted whatever its energy
-    """
 
-    load: Int[Array, ""]
-    steps: Int[Array, ""]
-    q: Float[Array, " dofs"]
-    here: Evaluation
-    residual: Float[Array, ""]
-    step: Float[Array, " dofs"]
-    fraction: Float[Array, ""]
-    slope: Float[Array, ""]
-    fresh: Bool[Array, ""]
-    found: Float[Array, "loads dofs"]
-    ok: Bool[Array, " loads"]
-    residuals: Float[Array, " loads"]
-    iterations: Int[Array, " loads"]
+def _power_of_two(least: int) -> int:
+    return 1 << max(0, least - 1).bit_length()
+
+
+def _stack(paths: Sequence[Path]) -> Path:
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *paths)
+
+
+def _result(path: Path, count: int, metric: Float[np.ndarray, "dofs dofs"]) -> Equilibria:
+    """The record of a path that is done; λ of ∇²Π v = λ M v from the whitened Hessian."""
+    whitener = np.linalg.inv(np.linalg.cholesky(metric))
+    eigenvalue = np.linalg.eigvalsh(whitener @ path.hessians[:count] @ whitener.T)[:, 0]
+    return Equilibria(
+        q=path.found[:count],
+        converged=path.converged[:count] & (eigenvalue > 0),
+        residual=path.residuals[:count],
+        min_eigenvalue=eigenvalue,
+        energy=path.energies[:count],
+        iterations=path.iterations[:count],
+    )
 
 
 @eqx.filter_jit
-def _follow_batch(
-    robot: Robot, q: Array, loads: Array, parents: Array, tolerance: float, max_iterations: int
-) -> Equilibria:
-    return jax.vmap(lambda r, start: _follow_one(r, start, loads, parents, tolerance, max_iterations))(robot, q)
+def _metrics(robots: Robot) -> Float[Array, "robots dofs dofs"]:
+    return jax.vmap(metric_of)(robots)
 
 
-def _follow_one(
-    robot: Robot, start: Array, loads: Array, parents: Array, tolerance: float, max_iterations: int
-) -> Equilibria:
-    evaluate = potential(robot)
-    metric = stiffness(robot)
-    # A joint without a spring has no stiffness of its own: a small part of the mean stands in.
-    metric = metric + 1e-6 * jnp.trace(metric) / robot.dofs * jnp.eye(robot.dofs)
-    factor = jnp.linalg.cholesky(metric)
-    unit = 0.01 * jnp.sqrt(jnp.trace(metric) / robot.dofs)
-    count = loads.shape[0]
+@eqx.filter_jit
+def _advance(
+    robots: Robot,
+    paths: Path,
+    starts: Float[Array, "lanes dofs"],
+    loads: Float[Array, "loads channels"],
+    parents: Int[Array, " loads"],
+    count: Int[Array, ""],
+    tolerance: Float[Array, ""],
+    max_iterations: Int[Array, ""],
+    enough: Int[Array, ""],
+) -> Path:
+    """Step every path until `enough` of them have all `count` loads behind them."""
 
-    def size(q: Array) -> Array:
-        return jnp.linalg.norm(factor.T @ q)
+    def step(paths: Path) -> Path:
+        def one(robot: Robot, start: Array, path: Path) -> Path:
+            return stepper(robot, start, loads, parents, count, tolerance, max_iterations)(path)
 
-    def relative(gradient: Array, q: Array) -> Array:
-        return jnp.linalg.norm(solve_triangular(factor, gradient, lower=True)) / (size(q) + unit)
+        return jax.vmap(one)(robots, starts, paths)
 
-    def advance(path: _Path) -> _Path:
-        load = jnp.minimum(path.load, count - 1)
-        trial = path.q + path.fraction * path.step
-        there, motion = evaluate(trial, loads[load])
-        residual = relative(there.gradient, trial)
-
-        # Accept on the energy; where its change drowns in round-off, on the residual.
-        change = there.energy - path.here.energy
-        expected = path.fraction * path.slope
-        hidden = jnp.abs(expected) < 1e-12 * (jnp.abs(there.energy) + size(trial) ** 2)
-        good = jnp.where(hidden, residual <= path.residual, change <= 1e-4 * expected)
-        accept = path.fresh | (good & jnp.isfinite(residual))
-        here, q, residual = jax.tree.map(
-            lambda new, old: jnp.where(accept, new, old),
-            (there, trial, residual),
-            (path.here, path.q, path.residual),
-        )
-        cholesky, stable = _shifted_factor(here.hessian, metric)
-        reached = residual
-        small = reached < tolerance
-        converged = small & stable
-        steps = path.steps + 1
-        moved_on = converged | (steps >= max_iterations)
-
-        # At the next load the energy and gradient here are known, loads being linear: its first Newton step,
-        # with the Hessian of this load, is the tangent of the path.
-        following = jnp.minimum(load + 1, count - 1)
-        onwards = moved_on & converged & (parents[following] == load)
-        more = jnp.where(onwards, loads[following] - loads[load], 0.0)
-        here = here._replace(
-            energy=here.energy + more @ here.load_energy, gradient=here.gradient + more @ here.load_gradient
-        )
-        residual = jnp.where(onwards, relative(here.gradient, q), residual)
-
-        # Newton's direction; at a saddle, where there is none, a downhill one of a small fixed size.
-        saddle = small & ~stable
-        p = -cho_solve((cholesky, True), jnp.where(saddle, _some_direction(robot.dofs), here.gradient))
-        length = jnp.maximum(size(p), 1e-300)
-        p = p * jnp.where(saddle, (0.05 * size(q) + unit) / length, jnp.minimum(1.0, (0.5 * size(q) + 20 * unit) / length))
-        # A refused step is shortened to where a parabola through both energies has its minimum.
-        shorter = jnp.clip(-0.5 * expected / jnp.maximum(change - expected, 1e-300), 0.1, 0.5)
-        retry = ~accept & ~moved_on
-        step = jnp.where(retry, path.step, p)
-        reach = jnp.min(jnp.stack([jnp.array(1.0), *(term.reach(robot, motion, p) for term in robot.terms)]))
-        fraction = jnp.where(retry, path.fraction * shorter, reach)
-        slope = jnp.where(retry, path.slope, here.gradient @ p)
-
-        record = moved_on & (path.load < count)
-        found = path.found.at[load].set(jnp.where(record, q, path.found[load]))
-        elsewhere = moved_on & ~onwards
-        parent = parents[following]
-        q = jnp.where(elsewhere, jnp.where(parent < 0, start, found[parent]), q)
-        return _Path(
-            load=path.load + moved_on,
-            steps=jnp.where(moved_on, 0, steps),
-            q=q,
-            here=here,
-            residual=residual,
-            step=step,
-            fraction=jnp.where(elsewhere, 0.0, fraction),
-            slope=slope,
-            fresh=elsewhere,
-            found=found,
-            ok=path.ok.at[load].set(jnp.where(record, converged, path.ok[load])),
-            residuals=path.residuals.at[load].set(jnp.where(record, reached, path.residuals[load])),
-            iterations=path.iterations.at[load].set(jnp.where(record, steps, path.iterations[load])),
-        )
-
-    origin, _ = evaluate(start, loads[0])
-    path = jax.lax.while_loop(
-        lambda path: path.load < count,
-        advance,
-        _Path(
-            load=jnp.array(0),
-            steps=jnp.array(0),
-            q=start,
-            here=origin,
-            residual=jnp.array(jnp.inf),
-            step=jnp.zeros(robot.dofs),
-            fraction=jnp.array(0.0),
-            slope=jnp.array(0.0),
-            fresh=jnp.array(True),
-            found=jnp.zeros((count, robot.dofs)),
-            ok=jnp.zeros(count, dtype=bool),
-            residuals=jnp.zeros(count),
-            iterations=jnp.zeros(count, dtype=int),
-        ),
-    )
-
-    def judge(q: Array, load: Array) -> tuple[Array, Array]:
-        here, _ = evaluate(q, load)
-        half = solve_triangular(factor, here.hessian, lower=True)
-        whitened = solve_triangular(factor, half.T, lower=True)
-        return here.energy, jnp.linalg.eigvalsh(0.5 * (whitened + whitened.T))[0]
-
-    energy, eigenvalue = jax.lax.map(lambda pair: judge(*pair), (path.found, loads))
-    return Equilibria(
-        q=path.found,
-        converged=path.ok & (eigenvalue > 0),
-        residual=path.residuals,
-        min_eigenvalue=eigenvalue,
-        energy=energy,
-        iterations=path.iterations,
-    )
-
-
-def _shifted_factor(hessian: Array, metric: Array) -> tuple[Array, Array]:
-    """The Cholesky factor of hessian + λ metric for the least λ tried at which there is one, and whether λ = 0."""
-
-    def attempt(shift: Array) -> tuple[Array, Array]:
-        return shift, jnp.linalg.cholesky(hessian + shift * metric)
-
-    def failed(state: tuple[Array, Array]) -> Array:
-        return ~jnp.all(jnp.isfinite(state[1])) & (state[0] < 1e12)
-
-    shift, factor = jax.lax.while_loop(
-        failed, lambda state: attempt(jnp.maximum(2 * state[0], 1e-2)), attempt(jnp.array(0.0))
-    )
-    return factor, shift == 0
-
-
-def _some_direction(dofs: int) -> Array:
-    """A fixed direction without symmetry, to leave a saddle along: no eigenvector is orthogonal to it by design."""
-    return jnp.asarray(np.random.default_rng(0).normal(size=dofs))
+    return jax.lax.while_loop(lambda paths: jnp.sum(paths.load == count) < enough, step, paths)

@@ -41,6 +41,7 @@ class Steps(eqx.Module):
     before      (steps, 6, dofs)       spatial Jacobian of the frame that a step starts from
     adjoint     (steps, 6, 6)          Ad of that frame
     twist       (steps, 6)             Ω
+    tangent     (steps, 6, 6)          T(Ω)
     dtwist      (steps, 6, local)      ∂Ω/∂local
     bracket     (steps, half, half) or None    what multiplies [ξ₁, ξ₂] in Ω, by enabled strain
     rows        the enabled strains' rows in a twist (static)
@@ -53,6 +54,7 @@ class Steps(eqx.Module):
     before: Float[Array, "steps 6 dofs"]
     adjoint: Float[Array, "steps 6 6"]
     twist: Float[Array, "steps 6"]
+    tangent: Float[Array, "steps 6 6"]
     dtwist: Float[Array, "steps 6 local"]
     bracket: Float[Array, "steps half half"] | None
 
@@ -124,7 +126,9 @@ def walk(robot: Robot, q: Float[Array, " dofs"]) -> Motion:
     )
 
 
-def geometric_stiffness(robot: Robot, motion: Motion, wrench: Float[Array, "frames 6"]) -> Float[Array, "dofs dofs"]:
+def geometric_stiffness(
+    robot: Robot, motion: Motion, wrench: Float[Array, "frames 6"]
+) -> Float[Array, "dofs dofs"]:
     """∂/∂q of Σ_i J_iᵀ W_i for spatial wrenches W_i that do not change; symmetric, and exact.
 
     With w_j the sum of the wrenches below step j and C(w) y = ad_yᵀ w, step j adds
@@ -140,10 +144,9 @@ def geometric_stiffness(robot: Robot, motion: Motion, wrench: Float[Array, "fram
         whole = own.sum(axis=0) + below[body.name]
         below[body.parent] = below[body.parent] + whole
         for step in steps:
-            if step.bracket is None:
-                w = whole[None]
-            else:  # the wrench below rod step j acts on the points from j + 1 on
-                w = _running_sum(own[:0:-1])[::-1] + below[body.name]
+            # Below a joint is everything; below rod step j are the points from j + 1 on.
+            is_rod = step.bracket is not None
+            w = _running_sum(own[:0:-1])[::-1] + below[body.name] if is_rod else whole[None]
             total = total + _step_stiffness(step, w, robot.dofs)
     return 0.5 * (total + total.T)
 
@@ -156,7 +159,7 @@ def _step_stiffness(step: Steps, w: Float[Array, "steps 6"], dofs: int) -> Float
     local = jnp.swapaxes(step.dtwist, 1, 2) @ curvature
     if step.bracket is not None:
         half = step.bracket.shape[-1]
-        seen = jnp.einsum("sji,sj->si", lie.tangent(step.twist), moved)
+        seen = jnp.einsum("sji,sj->si", step.tangent, moved)
         commutator = lie.coad(seen)[:, step.rows][:, :, step.rows] * step.bracket
         # Counted once and symmetrised by the caller, so twice its value stands in one of the two blocks.
         local = local.at[:, half:, :half].add(2 * commutator)
@@ -169,8 +172,8 @@ def _step_stiffness(step: Steps, w: Float[Array, "steps 6"], dofs: int) -> Float
 def _exponential_curvature(twist: Array, wrench: Array, columns: Array) -> Array:
     """∂(T(Ω)ᵀ w)/∂Ω · columns, from T = Σ_k ad(Ω)^k / (k + 1)!.
 
-    With n_i = Σ_j (adᵀ)^j w / (i + j + 2)! it is Σ_i (adᵀ)^i C(n_i). Six orders leave θ⁶/8! of the wrench, below
-    1e-7 of it at the angles between neighbouring points of a rod (up to 0.4 rad).
+    With n_i = Σ_j (adᵀ)^j w / (i + j + 2)! it is Σ_i (adᵀ)^i C(n_i). Six orders leave θ⁶/8! of the wrench,
+    below 1e-7 of it at the angles between neighbouring points of a rod (up to 0.4 rad).
     """
     orders = 6
     transposed = jnp.swapaxes(lie.ad(twist), 1, 2)
@@ -187,21 +190,24 @@ def _exponential_curvature(twist: Array, wrench: Array, columns: Array) -> Array
 def _joint_steps(body: Body, q: Array, start: int, g: Array, jacobian: Array) -> Steps:
     axes = body.joint.axes
     twist = axes @ q[start : start + body.joint.dofs]
-    adjoint = lie.adjoint(g)
+    adjoint, tangent = lie.adjoint(g), lie.tangent(twist)
     return Steps(
         start=start,
         rows=(),
         basis=np.eye(body.joint.dofs)[None],
-        columns=(adjoint @ lie.tangent(twist) @ axes)[None],
+        columns=(adjoint @ tangent @ axes)[None],
         before=jacobian[None],
         adjoint=adjoint[None],
         twist=twist[None],
+        tangent=tangent[None],
         dtwist=jnp.asarray(axes)[None],
         bracket=None,
     )
 
 
-def _rod_steps(rod: Rod, q: Array, start: int, g: Array, jacobian: Array) -> tuple[Steps, Array, Array, Array]:
+def _rod_steps(
+    rod: Rod, q: Array, start: int, g: Array, jacobian: Array
+) -> tuple[Steps, Array, Array, Array]:
     x = rod.quadrature.points
     dx = np.diff(x)
     rows, scale = rod.rows, rod.scale
@@ -220,10 +226,11 @@ def _rod_steps(rod: Rod, q: Array, start: int, g: Array, jacobian: Array) -> tup
     second = (mean + bracket[:, None, None] * ad[:, 0])[:, :, rows] * scale
     dtwist = jnp.concatenate([first, second], axis=2)
 
-    relative = jnp.concatenate([g[None], lie.exp(twist)])
-    pose = jax.lax.associative_scan(jnp.matmul, relative)
+    _, after = jax.lax.scan(lambda here, step: (here @ step,) * 2, g, lie.exp(twist))
+    pose = jnp.concatenate([g[None], after])
     adjoint = lie.adjoint(pose[:-1])
-    columns = adjoint @ (lie.tangent(twist) @ dtwist)
+    tangent = lie.tangent(twist)
+    columns = adjoint @ (tangent @ dtwist)
     flat = basis.reshape(len(dx), -1, basis.shape[-1])
     moved = _running_sum(columns @ flat)
     moved = jnp.concatenate([jnp.zeros((1, *moved.shape[1:])), moved])
@@ -237,6 +244,7 @@ def _rod_steps(rod: Rod, q: Array, start: int, g: Array, jacobian: Array) -> tup
         before=jacobians[:-1],
         adjoint=adjoint,
         twist=twist,
+        tangent=tangent,
         dtwist=dtwist,
         bracket=bracket[:, None, None] * scale[:, None] * scale,
     )

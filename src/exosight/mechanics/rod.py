@@ -71,7 +71,9 @@ class Rod(eqx.Module):
             raise InputError(f"rod {name!r}, density: expected at least 0 kg/m³, got {density}")
         unknown = set(strains) - set(STRAINS)
         if unknown or not strains:
-            raise InputError(f"rod {name!r}, strains: expected some of {', '.join(STRAINS)}, got {[*strains]}")
+            raise InputError(
+                f"rod {name!r}, strains: expected some of {', '.join(STRAINS)}, got {[*strains]}"
+            )
         radius = np.broadcast_to(np.asarray(radius, dtype=float), (quadrature.size,))
         if not (np.all(radius > 0) and np.all(np.isfinite(radius))):
             raise InputError(f"rod {name!r}, radius: expected finite numbers above 0 m, got {radius.min()}")

@@ -24,7 +24,8 @@ def circular_stiffness(
     moment = area * radius**2 / 4
     shear = young / (2 * (1 + poisson))
     return jnp.stack(
-        [2 * shear * moment, young * moment, young * moment, young * area, shear * area, shear * area], axis=-1
+        [2 * shear * moment, young * moment, young * moment, young * area, shear * area, shear * area],
+        axis=-1,
     )
 
 

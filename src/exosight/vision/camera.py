@@ -23,7 +23,7 @@ LARGEST_SIDE = 8192  # pixels
 class Camera:
     """Orthographic camera that looks along +y onto the x–z plane."""
 
-    centre: tuple[Metres, Metres] = (0.05, -0.03)
+    centre: tuple[Metres, Metres] = (0.05, -0.005)
     """World point (x, z) shown at the middle of the image [m]."""
     metres_per_pixel: Annotated[float, Field(ge=1e-9, le=1e3)] = 0.0011
     """Side of one square pixel in the world [m]."""
