@@ -127,7 +127,7 @@ def follow(
             arrived = [lane for lane, i in enumerate(numbers) if i >= 0 and state.load[lane] == count]
             for lane in arrived:
                 i, numbers[lane] = numbers[lane], -1
-                path = jax.tree.map(lambda leaf, lane=lane: leaf[lane], state)
+                path = jax.tree.map(lambda leaf, lane=lane: leaf[lane].copy(), state)
                 results[i] = _result(path, count, metrics[i])
             done(len(arrived))
             for lane, i in zip(arrived, queue.take(len(arrived)), strict=False):

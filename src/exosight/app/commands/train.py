@@ -1,0 +1,50 @@
+"""`exosight train`: a network from a dataset."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from exosight.app.console import progress, say
+from exosight.app.pipeline import MODEL, fit, load
+from exosight.dataset import make_split
+from exosight.learning import TrainConfig
+
+DEFAULT = TrainConfig()
+
+
+def train(
+    data: Path,
+    out: Path,
+    protocol: str = "shape",
+    held_out: str | None = None,
+    split_seed: int = 0,
+    resume: bool = False,
+    config: Annotated[TrainConfig, tyro.conf.arg(name="")] = DEFAULT,
+) -> None:
+    """Train a network to read seven contact forces off an image, and export it as ONNX.
+
+    A stopped run goes on exactly where it was with --resume. The folder gets the checkpoint, the loss curves
+    (history.csv) and the network (model.onnx), each with configuration, seed and identity of the data.
+
+    Example: exosight train --data results/data --out results/light
+
+    Args:
+        data: folder of a dataset, from `exosight generate`
+        out: folder of the run
+        protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's) or family
+        held_out: family of shapes kept for testing, with --protocol family
+        split_seed: seed of the division
+        resume: go on with the run that the folder holds
+        config: network, recipe and seed
+    """
+    loaded = load(data)
+    split = make_split(loaded.frames, protocol, split_seed, held_out)
+    say(
+        f"{len(split.train)} frames to learn from, {len(split.validation)} to validate with, {len(split.test)} to test"
+    )
+    with progress("training", "steps") as update:
+        history = fit(loaded, split, config, out, resume=resume, progress=update)
+    best = min((r for r in history if r.validation_l1 is not None), key=lambda r: r.validation_l1 or 0.0)
+    say(f"best epoch {best.epoch} of {len(history)}: validation error {best.validation_l1:.4f} N")
+    say(f"wrote {out / MODEL}")

@@ -1,0 +1,101 @@
+"""From a dataset to a judged estimator: the steps that single commands and the study share."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float32, Int
+
+from exosight.control.estimator import OnnxEstimator
+from exosight.dataset import Frames, Manifest, Split, dataset_identity, make_split, read_frames, read_manifest
+from exosight.errors import InputError
+from exosight.learning.config import TrainConfig
+from exosight.learning.history import EpochRecord
+from exosight.learning.model_file import ModelCard
+from exosight.vision.camera import Camera
+
+MODEL = "model.onnx"
+"""Name of the exported network in a run's folder."""
+
+
+@dataclass(frozen=True)
+class Data:
+    """A dataset in memory."""
+
+    manifest: Manifest
+    frames: Frames
+
+
+def load(folder: Path) -> Data:
+    """A dataset from disk; DataError if it is missing, incomplete or damaged."""
+    return Data(read_manifest(folder), read_frames(folder))
+
+
+def identity(data: Data, split: Split) -> dict[str, str | int | float]:
+    """What a network remembers of its data: which dataset, which camera, which part of it."""
+    whole = dataset_identity(data.manifest)
+    camera = whole.pop("camera")
+    return {
+        **whole,
+        "camera": json.dumps(camera),
+        "protocol": split.protocol,
+        "split_seed": split.seed,
+        "held_out": split.held_out or "",
+    }
+
+
+def fit(
+    data: Data,
+    split: Split,
+    config: TrainConfig,
+    folder: Path,
+    *,
+    resume: bool,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> tuple[EpochRecord, ...]:
+    """Train a network, export it to `folder/model.onnx`, and return its loss curves."""
+    from exosight.learning import export_onnx, train
+
+    result = train(
+        config,
+        data.frames.images,
+        data.frames.forces,
+        split.train,
+        split.validation,
+        folder,
+        identity(data, split),
+        resume=resume,
+        progress=lambda at: progress(at.step, at.steps),
+    )
+    if not (resume and (folder / MODEL).exists()):
+        export_onnx(folder, folder / MODEL)
+    return result.history
+
+
+def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], str]:
+    """The frames that a network may be judged on, and what they are.
+
+    Of the dataset that it learned from, the test part of its own split; of any other, all frames.
+    """
+    if card.data.get("sha256") != dataset_identity(data.manifest)["sha256"]:
+        return np.arange(len(data.frames)), "all frames of another dataset"
+    protocol, held_out = str(card.data["protocol"]), str(card.data["held_out"]) or None
+    split = make_split(data.frames, protocol, int(card.data["split_seed"]), held_out)
+    return split.test, f"test part by {protocol}"
+
+
+def judge(
+    estimator: OnnxEstimator, data: Data, index: Int[np.ndarray, " frames"]
+) -> tuple[Float32[np.ndarray, "frames 7"], Float32[np.ndarray, "frames 7"]]:
+    """True and estimated forces [N] of some frames."""
+    return data.frames.forces[index], estimator.estimate(data.frames.images[index])
+
+
+def camera_of(card: ModelCard) -> Camera:
+    """The camera whose images a network learned from; InputError if its file does not tell."""
+    try:
+        return Camera(**json.loads(str(card.data["camera"])))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError("model: its file does not tell which camera it was trained for") from error
