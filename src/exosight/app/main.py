@@ -6,7 +6,6 @@ Whatever a user can do wrong ends in one sentence on stderr and exit code 2.
 import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 
 import pydantic
 import tyro
@@ -19,12 +18,6 @@ from exosight.app.commands.simulate import simulate
 from exosight.app.commands.study import study
 from exosight.app.commands.train import train
 from exosight.errors import ExosightError
-
-# JAX reads these when it is imported, which the commands do only when they need it: compiled code is kept on
-# disk, so that only the first run on a machine waits for the compiler.
-_CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "exosight" / "jax"
-os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 
 COMMANDS = {
     "simulate": simulate,

@@ -106,8 +106,8 @@ def _table(records: list[dict[str, Any]]) -> Table:
         Column("u", "N", digits=2),
         *(Column(f"C{i}", "N", digits=3) for i in range(8)),
         Column("F_net", "N", digits=3),
-        Column("stable"),
-        Column("steps"),
+        Column("ok"),
+        Column("its"),
     )
     rows = tuple(
         (
@@ -124,5 +124,5 @@ def _table(records: list[dict[str, Any]]) -> Table:
         "Equilibria",
         columns,
         rows,
-        "C0…C7: contact forces; F_net: their sum over C1…C7; steps: Newton steps",
+        "C0…C7: contact forces; F_net: their sum over C1…C7; ok: a stable equilibrium; its: Newton iterations",
     )

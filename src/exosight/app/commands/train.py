@@ -40,9 +40,8 @@ def train(
     """
     loaded = load(data)
     split = make_split(loaded.frames, protocol, split_seed, held_out)
-    say(
-        f"{len(split.train)} frames to learn from, {len(split.validation)} to validate with, {len(split.test)} to test"
-    )
+    parts = (len(split.train), len(split.validation), len(split.test))
+    say("{} frames to learn from, {} to choose the best epoch with, {} to test".format(*parts))
     with progress("training", "steps") as update:
         history = fit(loaded, split, config, out, resume=resume, progress=update)
     best = min((r for r in history if r.validation_l1 is not None), key=lambda r: r.validation_l1 or 0.0)
