@@ -8,13 +8,13 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
-import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Float32, Int8
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
+from exosight.arrays import AnyArray
 from exosight.dataset.frames import Frames
 from exosight.dataset.manifest import ChunkEntry, Manifest, new_manifest, write_manifest
 from exosight.dataset.store import write_chunk
@@ -22,7 +22,7 @@ from exosight.errors import DataError
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, Pose, assemble, observe
 from exosight.exosuit.scenarios import SampledShape, sample_shapes
 from exosight.exosuit.shapes import FAMILIES
-from exosight.mechanics import Equilibria, follow, stack
+from exosight.mechanics import follow, stack
 from exosight.vision.camera import Camera
 from exosight.vision.scene import picture
 
@@ -74,8 +74,8 @@ def generate(
     except OSError as error:
         raise DataError(f"{folder}: cannot be made ({error.strerror})") from error
     chunks: list[ChunkEntry] = []
-    dropped = dict.fromkeys(CAUSES, 0)
-    done = 0
+    dropped: dict[str, int] = dict.fromkeys(CAUSES, 0)
+    done, dofs = 0, 0
 
     def step(finished: int) -> None:
         nonlocal done
@@ -86,6 +86,7 @@ def generate(
         frames, lost = simulate(config, shapes[start : start + SHAPES_PER_CHUNK], step)
         for cause, count in lost.items():
             dropped[cause] += count
+        dofs = frames.pose.shape[1]
         if len(frames):
             chunks.append(write_chunk(folder, len(chunks), frames))
     manifest = new_manifest(
@@ -93,7 +94,7 @@ def generate(
         seed=config.seed,
         camera=config.camera,
         load_limit=MAX_FORCE,
-        dofs=frames.pose.shape[1],
+        dofs=dofs,
         shapes=shapes,
         chunks=chunks,
         dropped=dropped,
@@ -115,14 +116,14 @@ def simulate(
     found = follow(robots, u[:, None], done=done)
     found = jax.tree.map(lambda leaf: leaf[:, keep], found)
     pose: Pose = jax.tree.map(np.asarray, observe(stack(robots), found.q))
-    causes = np.stack([~found.converged, *_faults(pose)])
+    causes: np.ndarray = np.stack([~found.converged, *_faults(pose)])
     first = np.argmax(causes, axis=0)
     lost = {cause: int((causes.any(0) & (first == i)).sum()) for i, cause in enumerate(CAUSES)}
-    kept = ~causes.any(axis=0)
-    rows = [
-        _frames(shape, exosuit, config.camera, at(found, i), at(pose, i), u[keep], kept[i])
-        for i, (shape, exosuit) in enumerate(zip(shapes, exosuits, strict=True))
-    ]
+    kept = np.logical_not(causes.any(axis=0))
+    rows = []
+    for i, (shape, exosuit) in enumerate(zip(shapes, exosuits, strict=True)):
+        q, own = jax.tree.map(lambda leaf, i=i: leaf[i, kept[i]], (found.q, pose))
+        rows.append(_frames(shape, exosuit, config.camera, q, own, _driven(u[keep], kept[i])))
     joined = {name: np.concatenate([getattr(r, name) for r in rows]) for name in Frames.__dataclass_fields__}
     return Frames(**joined), lost
 
@@ -152,37 +153,38 @@ def crosses_itself(line: Float[np.ndarray, "frames points 3"]) -> Bool[np.ndarra
     a, b = p[:, :, None], q[:, :, None]
     c, d = p[:, None], q[:, None]
     crossing = (side(a, b, c) * side(a, b, d) < 0) & (side(c, d, a) * side(c, d, b) < 0)
-    return crossing.any(axis=(1, 2))
+    return np.any(np.asarray(crossing), axis=(1, 2), keepdims=True)[:, 0, 0]
 
 
-def at(tree: eqx.Module, index: int) -> eqx.Module:
-    """One element of a batched record."""
-    return jax.tree.map(lambda leaf: leaf[index], tree)
-
-
-def _faults(pose: Pose) -> Iterator[Bool[np.ndarray, "shapes frames"]]:
+def _faults(pose: Pose) -> Iterator[Bool[AnyArray, "shapes frames"]]:
     yield np.stack([crosses_itself(line) for line in pose.centreline])
     yield pose.centreline[:, :, -1, 2] < pose.finger[:, :, -1, 2]
+
+
+def _driven(
+    u: Float[np.ndarray, " frames"], kept: Bool[np.ndarray, " frames"]
+) -> tuple[Float32[np.ndarray, " kept"], Int8[np.ndarray, " kept"]]:
+    """Actuation and direction of loading of the frames kept."""
+    loading = np.where(np.arange(len(u)) < len(u) / 2, 1, -1)
+    return u[kept].astype(np.float32), loading[kept].astype(np.int8)
 
 
 def _frames(
     shape: SampledShape,
     exosuit: Exosuit,
     camera: Camera,
-    found: Equilibria,
+    q: Float[np.ndarray, "frames dofs"],
     pose: Pose,
-    u: Float[np.ndarray, " frames"],
-    kept: Bool[np.ndarray, " frames"],
+    driven: tuple[Float32[np.ndarray, " frames"], Int8[np.ndarray, " frames"]],
 ) -> Frames:
-    count = int(kept.sum())
-    loading = np.where(np.arange(len(u)) < len(u) / 2, 1, -1)
+    u, loading = driven
     return Frames(
-        images=picture(exosuit, jax.tree.map(lambda leaf: leaf[kept], pose), camera),
-        forces=np.asarray(pose.forces[kept, 1:], dtype=np.float32),
-        u=u[kept].astype(np.float32),
-        pose=np.asarray(found.q[kept], dtype=np.float64),
-        shape_id=np.full(count, shape.shape_id, dtype=np.int32),
-        family=np.full(count, list(FAMILIES).index(shape.shape.surface.family), dtype=np.int8),
-        scenario=np.full(count, shape.scenario, dtype=np.int8),
-        loading=loading[kept].astype(np.int8),
+        images=picture(exosuit, pose, camera),
+        forces=np.asarray(pose.forces[:, 1:], dtype=np.float32),
+        u=u,
+        pose=np.asarray(q, dtype=np.float64),
+        shape_id=np.full(len(u), shape.shape_id, dtype=np.int32),
+        family=np.full(len(u), list(FAMILIES).index(shape.shape.surface.family), dtype=np.int8),
+        scenario=np.full(len(u), shape.scenario, dtype=np.int8),
+        loading=loading,
     )

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from exosight import lie
+from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape, radius, radius_slope
@@ -107,18 +108,18 @@ class Pose(eqx.Module):
                                         downwards, counted through full turns
     """
 
-    forces: Float[Array, "*batch spheres"]
-    net_force: Float[Array, "*batch"]
-    joint_angles: Float[Array, "*batch hinges"]
-    centreline: Float[Array, "*batch points 3"]
-    finger: Float[Array, "*batch nodes 3"]
-    tip_angle: Float[Array, "*batch"]
+    forces: Float[AnyArray, "*batch spheres"]
+    net_force: Float[AnyArray, "*batch"]
+    joint_angles: Float[AnyArray, "*batch hinges"]
+    centreline: Float[AnyArray, "*batch points 3"]
+    finger: Float[AnyArray, "*batch nodes 3"]
+    tip_angle: Float[AnyArray, "*batch"]
 
 
 @eqx.filter_jit
-def observe(robots: Robot, q: Float[Array, "robots loads dofs"]) -> Pose:
+def observe(robots: Robot, q: Float[AnyArray, "robots loads dofs"]) -> Pose:
     """Forces and shape of stacked robots at coordinates q (see `exosight.mechanics.stack`)."""
-    return jax.vmap(lambda robot, path: jax.vmap(partial(_observe, robot))(path))(robots, q)
+    return jax.vmap(lambda robot, path: jax.vmap(partial(_observe, robot))(path))(robots, jnp.asarray(q))
 
 
 def _observe(robot: Robot, q: Float[Array, " dofs"]) -> Pose:

@@ -35,7 +35,7 @@ class PressureLine(Term):
         columns = robot.dof_slice(self.rod)
         start = columns.start + rod.joint.dofs
         weights = rod.weights()
-        phi = rod.functions(rod.quadrature.points) * rod.scale[:, None]
+        phi = jnp.asarray(rod.functions(rod.quadrature.points)) * rod.scale[:, None]
         angular = _rows(phi, rod.rows, (0, 1, 2))
         linear = _rows(phi, rod.rows, (3, 4, 5))
         dy = linear + jnp.cross(angular, self.offset[:, :, None], axis=1)  # (points, 3, size)

@@ -13,11 +13,13 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from exosight.mechanics.kinematics import Motion, geometric_stiffness, walk
 from exosight.mechanics.robot import Robot
+from exosight.mechanics.rod import Rod
 
 
 class Expansion(NamedTuple):
@@ -82,18 +84,14 @@ def potential(
     def evaluate(q: Float[Array, " dofs"], loads: Float[Array, " loads"]) -> tuple[Evaluation, Motion]:
         motion = walk(robot, q)
         parts = [term(q, motion, loads) for term in terms]
+        whole = jax.tree.map(lambda *parts: sum(parts[1:], start=parts[0]), *parts)
         force = elastic @ q
-        wrench = sum(part.wrench for part in parts)
         total = Evaluation(
-            energy=0.5 * q @ force + sum(part.energy for part in parts),
-            gradient=force
-            + sum(part.gradient for part in parts)
-            + jnp.einsum("fkq,fk->q", motion.jacobian, wrench),
-            hessian=elastic
-            + sum(part.hessian for part in parts)
-            + geometric_stiffness(robot, motion, wrench),
-            load_energy=sum(part.load_energy for part in parts),
-            load_gradient=sum(part.load_gradient for part in parts),
+            energy=0.5 * q @ force + whole.energy,
+            gradient=force + whole.gradient + jnp.einsum("fkq,fk->q", motion.jacobian, whole.wrench),
+            hessian=elastic + whole.hessian + geometric_stiffness(robot, motion, whole.wrench),
+            load_energy=whole.load_energy,
+            load_gradient=whole.load_gradient,
         )
         return total, motion
 
@@ -107,7 +105,7 @@ def stiffness(robot: Robot) -> Float[Array, "dofs dofs"]:
         start = robot.dof_slice(body.name).start
         joint = start + jnp.arange(body.joint.dofs)
         k = k.at[joint, joint].add(body.joint.stiffness)
-        if body.dofs > body.joint.dofs:
+        if isinstance(body, Rod):
             inside = slice(start + body.joint.dofs, start + body.dofs)
             k = k.at[inside, inside].add(body.stiffness())
     return k
@@ -150,7 +148,7 @@ class _JointLimits(Term):
             index += range(start, start + body.joint.dofs)
             lower.append(body.joint.lower)
             upper.append(body.joint.upper)
-            k.append(jnp.broadcast_to(body.joint.limit_stiffness, (body.joint.dofs,)))
+            k.append(body.joint.limit_stiffness)
         joint = jnp.array(index, dtype=int)
         low, high, spring = jnp.concatenate(lower), jnp.concatenate(upper), jnp.concatenate(k)
 

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.newton import Path, begin, metric_of, stepper
 from exosight.mechanics.robot import Robot
@@ -47,12 +48,12 @@ class Equilibria(eqx.Module):
     iterations      (loads,)        Newton steps taken
     """
 
-    q: Float[Array, "*batch loads dofs"]
-    converged: Bool[Array, "*batch loads"]
-    residual: Float[Array, "*batch loads"]
-    min_eigenvalue: Float[Array, "*batch loads"]
-    energy: Float[Array, "*batch loads"]
-    iterations: Int[Array, "*batch loads"]
+    q: Float[AnyArray, "*batch loads dofs"]
+    converged: Bool[AnyArray, "*batch loads"]
+    residual: Float[AnyArray, "*batch loads"]
+    min_eigenvalue: Float[AnyArray, "*batch loads"]
+    energy: Float[AnyArray, "*batch loads"]
+    iterations: Int[AnyArray, "*batch loads"]
 
 
 def stack(robots: Sequence[Robot]) -> Robot:
@@ -88,8 +89,8 @@ def follow(
         raise InputError(
             f"loads: expected finite numbers of shape (loads, channels), got shape {loads.shape}"
         )
-    parents = np.arange(-1, len(loads) - 1) if parents is None else np.asarray(parents)
-    if parents.shape != loads.shape[:1] or np.any(parents >= np.arange(len(loads))) or np.any(parents < -1):
+    source = np.arange(-1, len(loads) - 1) if parents is None else np.asarray(parents)
+    if source.shape != loads.shape[:1] or np.any(source >= np.arange(len(loads))) or np.any(source < -1):
         raise InputError("parents: expected each load to start from an earlier one, or from −1")
     count, channels = loads.shape
     dofs = robots[0].dofs
@@ -100,8 +101,8 @@ def follow(
     # Sizes are rounded up to powers of two, so that few different ones are ever compiled.
     lanes = min(options.lanes, _power_of_two(len(robots)))
     room = max(16, _power_of_two(count))
-    padded = np.concatenate([loads, np.repeat(loads[-1:], room - count, axis=0)])
-    sources = np.concatenate([parents, np.zeros(room - count, dtype=int)])
+    padded = jnp.asarray(np.concatenate([loads, np.repeat(loads[-1:], room - count, axis=0)]))
+    sources = jnp.asarray(np.concatenate([source, np.zeros(room - count, dtype=int)]))
     workers = min(_cores(), -(-len(robots) // lanes))
     queue = _Queue(len(robots))
     metrics = np.asarray(_metrics(stack(robots)))
@@ -121,7 +122,7 @@ def follow(
             enough = min(lanes, numbers.count(-1) + max(1, lanes // 4)) if queue.waiting else lanes
             limits = (options.tolerance, options.max_iterations, enough)
             found = _advance(
-                batch, state, starts, padded, sources, *(jnp.asarray(x) for x in (count, *limits))
+                batch, state, jnp.asarray(starts), padded, sources, *(jnp.asarray(x) for x in (count, *limits))
             )
             state = jax.tree.map(np.array, found)
             arrived = [lane for lane, i in enumerate(numbers) if i >= 0 and state.load[lane] == count]

@@ -182,7 +182,8 @@ def _exponential_curvature(twist: Array, wrench: Array, columns: Array) -> Array
         powers.append(jnp.einsum("sij,sj->si", transposed, powers[-1]))
     total = jnp.zeros_like(columns)
     for i in reversed(range(orders)):
-        weighted = sum(powers[j] / math.factorial(i + j + 2) for j in range(orders - i))
+        weights = np.array([1 / math.factorial(i + j + 2) for j in range(orders - i)])
+        weighted = jnp.tensordot(weights, jnp.stack(powers[: orders - i]), axes=1)
         total = transposed @ total + lie.coad(weighted) @ columns
     return total
 
@@ -200,7 +201,7 @@ def _joint_steps(body: Body, q: Array, start: int, g: Array, jacobian: Array) ->
         adjoint=adjoint[None],
         twist=twist[None],
         tangent=tangent[None],
-        dtwist=jnp.asarray(axes)[None],
+        dtwist=axes[None],
         bracket=None,
     )
 
@@ -214,7 +215,7 @@ def _rod_steps(
     basis = np.stack([rod.functions(x[:-1] + z * dx) for z in ZANNAH], axis=1)  # (steps, 2, half, size)
     own = q[start : start + basis.shape[-1]]
     selected = np.eye(6)[list(rows)]
-    xi = STRAIGHT + (scale * (basis @ own)) @ selected  # (steps, 2, 6)
+    xi = jnp.asarray(STRAIGHT) + (scale * (basis @ own)) @ selected  # (steps, 2, 6)
     ad = lie.ad(xi)
     h = rod.length * dx
     bracket = np.sqrt(3) / 12 * h**2
@@ -226,7 +227,7 @@ def _rod_steps(
     second = (mean + bracket[:, None, None] * ad[:, 0])[:, :, rows] * scale
     dtwist = jnp.concatenate([first, second], axis=2)
 
-    _, after = jax.lax.scan(lambda here, step: (here @ step,) * 2, g, lie.exp(twist))
+    _, after = jax.lax.scan(lambda here, step: (here @ step, here @ step), g, lie.exp(twist))
     pose = jnp.concatenate([g[None], after])
     adjoint = lie.adjoint(pose[:-1])
     tangent = lie.tangent(twist)
@@ -235,7 +236,7 @@ def _rod_steps(
     moved = _running_sum(columns @ flat)
     moved = jnp.concatenate([jnp.zeros((1, *moved.shape[1:])), moved])
     jacobians = _add(jnp.broadcast_to(jacobian, (len(x), *jacobian.shape)), start, moved)
-    strain = STRAIGHT + (scale * (rod.functions(x) @ own)) @ selected
+    strain = jnp.asarray(STRAIGHT) + (scale * (rod.functions(x) @ own)) @ selected
     steps = Steps(
         start=start,
         rows=rows,

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.joint import Fixed, Joint
 
@@ -31,12 +32,12 @@ class Link(eqx.Module):
         self,
         name: str,
         length: float,
-        sites: Float[Array, "frames 3"],
+        sites: Float[AnyArray, "frames 3"],
         *,
         parent: str | None = None,
         joint: Joint | None = None,
-        mount: Float[Array, "4 4"] | None = None,
-        mass: Float[Array, " frames"] | None = None,
+        mount: Float[AnyArray, "4 4"] | None = None,
+        mass: Float[AnyArray, " frames"] | None = None,
     ) -> None:
         if not length >= 0:
             raise InputError(f"link {name!r}, length: expected at least 0 m, got {length}")

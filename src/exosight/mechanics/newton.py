@@ -16,6 +16,7 @@ import numpy as np
 from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Array, Bool, Float, Int
 
+from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation, potential, stiffness
 from exosight.mechanics.robot import Robot
 
@@ -48,32 +49,32 @@ class Path(NamedTuple):
     converged: Bool[Array, " loads"]
 
 
-def begin(q: Float[np.ndarray, " dofs"], count: int, channels: int) -> Path:
-    """A path of `count` loads about to start from q, in NumPy arrays."""
+def begin(q: Float[AnyArray, " dofs"], count: int, channels: int) -> Path:
+    """A path of `count` loads about to start from q."""
     dofs = len(q)
     nothing = Evaluation(
-        energy=np.zeros(()),
-        gradient=np.zeros(dofs),
-        hessian=np.eye(dofs),
-        load_energy=np.zeros(channels),
-        load_gradient=np.zeros((channels, dofs)),
+        energy=jnp.zeros(()),
+        gradient=jnp.zeros(dofs),
+        hessian=jnp.eye(dofs),
+        load_energy=jnp.zeros(channels),
+        load_gradient=jnp.zeros((channels, dofs)),
     )
     return Path(
-        load=np.array(0),
-        steps=np.array(0),
-        q=q,
+        load=jnp.array(0),
+        steps=jnp.array(0),
+        q=jnp.asarray(q),
         here=nothing,
-        residual=np.array(np.inf),
-        step=np.zeros(dofs),
-        fraction=np.array(0.0),
-        slope=np.array(0.0),
-        fresh=np.array(True),
-        found=np.zeros((count, dofs)),
-        hessians=np.zeros((count, dofs, dofs)),
-        energies=np.zeros(count),
-        residuals=np.zeros(count),
-        iterations=np.zeros(count, dtype=int),
-        converged=np.zeros(count, dtype=bool),
+        residual=jnp.array(jnp.inf),
+        step=jnp.zeros(dofs),
+        fraction=jnp.array(0.0),
+        slope=jnp.array(0.0),
+        fresh=jnp.array(True),
+        found=jnp.zeros((count, dofs)),
+        hessians=jnp.zeros((count, dofs, dofs)),
+        energies=jnp.zeros(count),
+        residuals=jnp.zeros(count),
+        iterations=jnp.zeros(count, dtype=int),
+        converged=jnp.zeros(count, dtype=bool),
     )
 
 

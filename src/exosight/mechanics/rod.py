@@ -1,10 +1,13 @@
 """A soft rod of a kinematic tree: a Cosserat rod whose strain is a finite sum of functions."""
 
+from collections.abc import Mapping
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.basis import Basis
 from exosight.mechanics.joint import Fixed, Joint
@@ -49,16 +52,16 @@ class Rod(eqx.Module):
         self,
         name: str,
         length: float,
-        radius: Float[Array, " points"],
+        radius: Float[AnyArray, " points"],
         *,
         young: float,
-        strains: dict[str, Basis],
+        strains: Mapping[str, Basis],
         quadrature: Gauss,
         poisson: float = 0.5,
         density: float = 0.0,
         parent: str | None = None,
         joint: Joint | None = None,
-        mount: Float[Array, "4 4"] | None = None,
+        mount: Float[AnyArray, "4 4"] | None = None,
     ) -> None:
         for what, value, unit in (("length", length, "m"), ("young", young, "Pa")):
             if not (value > 0 and np.isfinite(value)):
@@ -74,16 +77,20 @@ class Rod(eqx.Module):
             raise InputError(
                 f"rod {name!r}, strains: expected some of {', '.join(STRAINS)}, got {[*strains]}"
             )
-        radius = np.broadcast_to(np.asarray(radius, dtype=float), (quadrature.size,))
-        if not (np.all(radius > 0) and np.all(np.isfinite(radius))):
-            raise InputError(f"rod {name!r}, radius: expected finite numbers above 0 m, got {radius.min()}")
+        radii = np.asarray(radius, dtype=float)
+        if radii.shape != (quadrature.size,):
+            raise InputError(
+                f"rod {name!r}, radius: expected one for each of {quadrature.size} points, got {radii.shape}"
+            )
+        if not (np.all(radii > 0) and np.all(np.isfinite(radii))):
+            raise InputError(f"rod {name!r}, radius: expected finite numbers above 0 m, got {radii.min()}")
         self.name, self.parent = name, parent
         self.strains = tuple((s, strains[s]) for s in STRAINS if s in strains)
         self.quadrature = quadrature
         self.joint = Fixed() if joint is None else joint
         self.mount = jnp.eye(4) if mount is None else jnp.asarray(mount, dtype=float)
         self.length = jnp.asarray(length, dtype=float)
-        self.radius = jnp.asarray(radius)
+        self.radius = jnp.asarray(radii)
         self.young = jnp.asarray(young, dtype=float)
         self.poisson = jnp.asarray(poisson, dtype=float)
         self.density = jnp.asarray(density, dtype=float)

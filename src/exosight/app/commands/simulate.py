@@ -124,5 +124,5 @@ def _table(records: list[dict[str, Any]]) -> Table:
         "Equilibria",
         columns,
         rows,
-        "C0…C7: contact forces; F_net: their sum over C1…C7; ok: a stable equilibrium; its: Newton iterations",
+        "C0…C7: contact forces; F_net: their sum over C1…C7; ok: stable equilibrium; its: Newton steps",
     )

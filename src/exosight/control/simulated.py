@@ -1,0 +1,125 @@
+"""The simulated plant: a worn exosuit, followed from equilibrium to equilibrium and rendered."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache, partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from exosight.control.plant import ACTUATION_LIMIT, Observation
+from exosight.errors import ConvergenceError, InputError
+from exosight.exosuit.assembly import Exosuit, assemble, observe
+from exosight.exosuit.simulation import PATH_STEP
+from exosight.mechanics import Robot, follow, stack
+from exosight.vision.camera import Camera
+from exosight.vision.scene import picture
+
+_PIECE = 16  # loads a call: the solver is compiled once for all calls of up to 16
+
+
+@dataclass
+class SimulatedPlant:
+    """Quasi-static: at each actuation the exosuit rests in the stable pose that the path so far leads to.
+
+    The way from one actuation to the next is walked in equal steps of at most PATH_STEP. As the exosuit snaps
+    between stable poses, the same u can show different forces on the way up and down (hysteresis); the same
+    sequence of u always shows the same.
+
+    exosuit  what is simulated
+    camera   what looks at it
+    limit    largest |u| that it takes [N]
+
+    Raises InputError unless the limit is a finite number above 0.
+    """
+
+    exosuit: Exosuit
+    camera: Camera = field(default_factory=Camera)
+    limit: float = ACTUATION_LIMIT
+    _stacked: Robot = field(init=False, repr=False)
+    _walk: "Callable[[_Point, float], tuple[_Point, bool]]" = field(init=False, repr=False)
+    _now: "_Point | None" = field(init=False, repr=False, default=None)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.limit < math.inf:
+            raise InputError(f"plant limit: expected a finite number above 0 N, got {self.limit}")
+        robot = assemble(self.exosuit)
+        self._stacked = stack([robot])
+        # A loop that swings between two actuations walks the same two ways for ever: they are remembered.
+        self._walk = lru_cache(maxsize=8)(partial(_walk, robot))
+
+    def reset(self) -> Observation:
+        """Return to u = 0 from the unstrained pose, forgetting the path so far.
+
+        Raises ConvergenceError if the unloaded exosuit has no stable pose.
+        """
+        rest, converged = self._walk(_Point(0.0, (0.0,) * self._stacked.dofs, 1.0), 0.0)
+        if not converged:
+            raise ConvergenceError(
+                "the unloaded exosuit has no stable pose; check its shape and the finger's"
+            )
+        self._now = rest
+        return self._look(rest, converged)
+
+    def apply(self, u: float) -> Observation:
+        """Change the actuation to u [N], in steps from the present one, and look at the pose.
+
+        If no stable pose is found at a step, the plant stays in the last one, whose u the observation tells.
+
+        Raises InputError if u is not a number within ±limit.
+        """
+        if not abs(u) <= self.limit:  # NaN fails here too
+            raise InputError(f"actuation u: expected a number within ±{self.limit:g} N, got {u}")
+        if self._now is None:
+            self.reset()
+        assert self._now is not None
+        self._now, converged = self._walk(self._now, float(u))
+        return self._look(self._now, converged)
+
+    def _look(self, point: "_Point", converged: bool) -> Observation:
+        q = np.array(point.q)
+        pose = jax.tree.map(lambda leaf: leaf[0], observe(self._stacked, jnp.asarray(q[None, None])))
+        return Observation(
+            u=point.u,
+            image=picture(self.exosuit, pose, self.camera)[0],
+            forces=np.asarray(pose.forces[0]),
+            q=q,
+            converged=converged,
+            min_eigenvalue=point.min_eigenvalue,
+        )
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One equilibrium, hashable by its numbers."""
+
+    u: float
+    q: tuple[float, ...]
+    min_eigenvalue: float
+
+
+def _walk(robot: Robot, start: _Point, u: float) -> tuple[_Point, bool]:
+    """The last equilibrium on the way from `start` to u, and whether that is the one at u."""
+    loads = _steps(start.u, u)
+    for first in range(0, len(loads), _PIECE):
+        piece = loads[first : first + _PIECE]
+        path = follow([robot], piece[:, None], q=np.array([start.q]))
+        good = int(np.argmin([*path.converged[0], False]))  # up to the first that does not converge
+        if good:
+            last = good - 1
+            start = _Point(
+                float(piece[last]), tuple(path.q[0, last].tolist()), float(path.min_eigenvalue[0, last])
+            )
+        if good < len(piece):
+            return start, False
+    return start, True
+
+
+def _steps(start: float, end: float) -> Float[np.ndarray, " loads"]:
+    """The loads after `start` up to and with `end`, evenly spaced by at most PATH_STEP."""
+    # The margin keeps round-off in u from adding a step.
+    count = max(1, math.ceil(abs(end - start) / PATH_STEP - 1e-9))
+    return np.linspace(start, end, count + 1)[1:]

@@ -1,0 +1,77 @@
+"""The paper's controller study: three constant targets and three step responses on one exosuit."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from exosight.control.laws import Proportional
+from exosight.control.loop import RATE, Measure, Record, hold, hold_and_release, run
+from exosight.control.plant import Plant
+from exosight.control.responses import Response, judge_response
+from exosight.exosuit.shapes import ExosuitShape, Linear
+
+CONTROL_SHAPE = ExosuitShape(Linear(r0=0.010, r1=0.005), length=0.095)
+"""The exosuit of the study: a taper from 1 cm to 0.5 cm over 9.5 cm."""
+
+STEADY_STATE_TARGETS = (0.25, 0.30, 0.35)
+"""Constant targets F_t [N]."""
+STEADY_STATE_GAIN = 5.0
+"""K_P of the constant targets [N/N]."""
+STEADY_STATE_STEPS = 50
+"""Steps of the constant targets, 5 s: several times the 14 that the paper's slowest one takes to settle."""
+
+STEP_TARGET = 0.2
+"""F_t of the step responses [N], for STEP_SECONDS; then 0 N for as long."""
+STEP_SECONDS = 10.0
+"""[s]"""
+STEP_GAINS = (0.1, 1.0, 100.0)
+"""K_P of the step responses [N/N]."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run of the study and what was measured on its true force."""
+
+    gain: float
+    """K_P [N/N]"""
+    record: Record
+    response: Response
+
+
+@dataclass(frozen=True)
+class ControllerStudy:
+    """The six runs."""
+
+    steady_states: tuple[Trial, ...]
+    """One a target of STEADY_STATE_TARGETS."""
+    step_responses: tuple[Trial, ...]
+    """One a gain of STEP_GAINS."""
+
+
+def study(
+    plant: Plant, measure: Measure, done: Callable[[Trial], None] = lambda trial: None
+) -> ControllerStudy:
+    """The six runs of the paper, each from rest, with the paper's law.
+
+    plant    in the paper an `exosight.control.simulated.SimulatedPlant` of an exosuit with CONTROL_SHAPE
+    measure  `from_image(estimator)`, or `true_force` for a perfect sensor
+    done     called with each run as it finishes
+    """
+
+    def trial(gain: float, target: Float[np.ndarray, " steps"]) -> Trial:
+        law = Proportional(gain)
+        record = run(plant, law, measure, target)
+        response = judge_response(record.time, record.target, record.F_net_true, record.u, limit=law.limit)
+        finished = Trial(gain, record, response)
+        done(finished)
+        return finished
+
+    steps = hold_and_release(STEP_TARGET, round(STEP_SECONDS * RATE))
+    return ControllerStudy(
+        steady_states=tuple(
+            trial(STEADY_STATE_GAIN, hold(force, STEADY_STATE_STEPS)) for force in STEADY_STATE_TARGETS
+        ),
+        step_responses=tuple(trial(gain, steps) for gain in STEP_GAINS),
+    )
