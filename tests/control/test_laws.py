@@ -1,0 +1,70 @@
+"""The paper's law: a clipped sum of errors."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from exosight.control import Proportional
+from exosight.errors import InputError
+
+anything = st.floats(allow_nan=True, allow_infinity=True)
+finite = st.floats(allow_nan=False, allow_infinity=False)
+gains = st.floats(1e-3, 1e3)
+
+
+@given(gains, st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), max_size=30))
+def test_u_is_the_sum_of_the_errors_times_the_gain(gain, steps):
+    law = Proportional(gain, limit=1e9)  # out of reach
+    u = [law.next(target, measured) for target, measured in steps]
+    errors = np.array([target - measured for target, measured in steps])
+    # Round-off of a sum of 30 terms, each up to gain in size.
+    np.testing.assert_allclose(u, gain * np.cumsum(errors), atol=1e-13 * gain)
+
+
+@given(st.floats(1e-6, 1e308), st.floats(1e-6, 1e6), st.lists(st.tuples(finite, anything), max_size=30))
+def test_no_measurement_whatsoever_takes_u_beyond_the_limit(gain, limit, steps):
+    law = Proportional(gain, limit)
+    for target, measured in steps:
+        assert abs(law.next(target, measured)) <= limit  # false for NaN too
+
+
+@pytest.mark.parametrize("lost", [math.nan, math.inf, -math.inf])
+def test_a_lost_frame_leaves_u_as_it_is(lost):
+    law = Proportional(gain=2.0)
+    before = law.next(0.3, 0.1)
+    assert before == pytest.approx(0.4)
+    assert law.next(0.3, lost) == before
+    assert law.next(0.3, 0.2) == pytest.approx(0.6)  # and then it goes on
+
+
+def test_u_leaves_the_limit_at_the_first_error_of_the_other_sign():
+    law = Proportional(gain=5.0, limit=6.0)
+    for _ in range(100):
+        law.next(1.0, 0.0)
+    assert law.next(0.0, 0.2) == pytest.approx(6.0 - 5.0 * 0.2)
+
+
+def test_reset_returns_to_no_actuation():
+    law = Proportional(gain=5.0)
+    first = law.next(0.2, 0.0)
+    law.next(0.2, 0.1)
+    law.reset()
+    assert law.next(0.2, 0.0) == first == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_a_gain_or_limit_that_is_no_number_above_zero_is_refused(value):
+    with pytest.raises(InputError, match="gain K_P: expected a finite number above 0"):
+        Proportional(gain=value)
+    with pytest.raises(InputError, match="limit: expected a finite number above 0 N"):
+        Proportional(gain=1.0, limit=value)
+
+
+@pytest.mark.parametrize("target", [math.nan, math.inf])
+def test_a_target_that_is_no_number_is_refused(target):
+    law = Proportional(gain=1.0)
+    with pytest.raises(InputError, match="target force"):
+        law.next(target, 0.1)
