@@ -120,9 +120,9 @@ def follow(
         while any(i >= 0 for i in numbers):
             # While robots wait, come back as soon as a quarter of the lanes is free for them.
             enough = min(lanes, numbers.count(-1) + max(1, lanes // 4)) if queue.waiting else lanes
-            limits = (options.tolerance, options.max_iterations, enough)
+            limits = (count, options.tolerance, options.max_iterations, enough)
             found = _advance(
-                batch, state, jnp.asarray(starts), padded, sources, *(jnp.asarray(x) for x in (count, *limits))
+                batch, state, jnp.asarray(starts), padded, sources, *(jnp.asarray(x) for x in limits)
             )
             state = jax.tree.map(np.array, found)
             arrived = [lane for lane, i in enumerate(numbers) if i >= 0 and state.load[lane] == count]
