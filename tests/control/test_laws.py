@@ -4,17 +4,19 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exosight.control import Proportional
 from exosight.errors import InputError
 
+unhurried = settings(deadline=None)  # a busy machine is no failure
 anything = st.floats(allow_nan=True, allow_infinity=True)
 finite = st.floats(allow_nan=False, allow_infinity=False)
 gains = st.floats(1e-3, 1e3)
 
 
+@unhurried
 @given(gains, st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1)), max_size=30))
 def test_u_is_the_sum_of_the_errors_times_the_gain(gain, steps):
     law = Proportional(gain, limit=1e9)  # out of reach
@@ -24,6 +26,7 @@ def test_u_is_the_sum_of_the_errors_times_the_gain(gain, steps):
     np.testing.assert_allclose(u, gain * np.cumsum(errors), atol=1e-13 * gain)
 
 
+@unhurried
 @given(st.floats(1e-6, 1e308), st.floats(1e-6, 1e6), st.lists(st.tuples(finite, anything), max_size=30))
 def test_no_measurement_whatsoever_takes_u_beyond_the_limit(gain, limit, steps):
     law = Proportional(gain, limit)
