@@ -1,0 +1,137 @@
+"""The picture of the README: `make figures` draws it again from simulation alone."""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from exosight.control import CONTROL_SHAPE
+from exosight.evaluation.figures.style import (
+    BLACK,
+    TRUE,
+    VERMILION,
+    new_figure,
+    show_image,
+    styled,
+)
+from exosight.evaluation.metrics import CONTACTS
+from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble
+from exosight.exosuit.shapes import radius
+from exosight.exosuit.simulation import simulate
+from exosight.mechanics import Motion, SphereContact, walk
+from exosight.vision.camera import Camera, project
+from exosight.vision.scene import picture
+
+IMAGES = Path(__file__).parent / "images"
+LOADS = (0.0, 0.8, 1.6, 2.4, 3.2, 4.0)
+SHOWN = LOADS.index(2.4)  # the load at which the paper gives a force, 0.2 N
+NEAR = Camera(centre=(0.046, -0.008), metres_per_pixel=1.3e-4, width=1000, height=700)
+NEWTON = 0.2  # an arrow of 1 N is so long [m]
+
+
+@styled
+def overview() -> Figure:
+    """The system, what the camera sees, the forces behind it, and the way there."""
+    exosuit = Exosuit(CONTROL_SHAPE)
+    found = simulate(exosuit, LOADS)
+    seen = picture(exosuit, found.pose, Camera())
+    one = jax.tree.map(lambda leaf: leaf[SHOWN : SHOWN + 1], found.pose)
+
+    figure = new_figure(height=4.4, width=8.0)
+    top, bottom = figure.subfigures(2, 1, height_ratios=(2.6, 1.7))
+    system, camera, forces = top.subplots(1, 3, width_ratios=(2.85, 2.0, 1.8))
+    _draw_system(system, exosuit, found.equilibria.q[SHOWN], picture(exosuit, one, NEAR)[0])
+    show_image(camera, seen[SHOWN])
+    camera.set_title("2. What the camera sees")
+    camera.set_xlabel("128 × 128 pixels, gray")
+    _draw_forces(forces, np.asarray(one.forces[0]))
+
+    for ax, image, u, force in zip(bottom.subplots(1, 6), seen, LOADS, found.pose.net_force, strict=True):
+        show_image(ax, image)
+        ax.set_title(f"u = {u:.1f} N")
+        ax.set_xlabel(f"F_net = {force:.2f} N", color=TRUE)
+    return figure
+
+
+def _draw_system(
+    ax: Axes, exosuit: Exosuit, q: Float[np.ndarray, " dofs"], image: UInt8[np.ndarray, "height width"]
+) -> None:
+    """The rendered bodies with contacts, contact forces and the line of actuation over them."""
+    robot = assemble(exosuit)
+    motion = walk(robot, q)
+    contact = next(term for term in robot.terms if isinstance(term, SphereContact))
+    push = np.asarray(contact.forces(robot, motion.position))
+    centres = np.asarray(motion.position)[np.array(contact.second.index(robot))]
+    show_image(ax, image)
+    ax.plot(*_pixels(_line(exosuit, motion)).T, color=VERMILION, linewidth=2)
+    for i, (centre, size, force) in enumerate(zip(centres, contact.second.radius, push, strict=True)):
+        ax.plot(*_pixels(centre), "o", color=BLACK, markersize=2.5)
+        amount = float(np.linalg.norm(force))
+        if amount > 0:
+            touching = centre - force / amount * float(size)
+            _arrow(ax, touching, touching + NEWTON * force, f"C{i}: {amount:.3f} N")
+        elif i < 7:  # C7 lies half a millimetre from C6
+            aside = (0.0135, 0.001) if i == 6 else (-0.0045, -size - 0.001)
+            at = centre + np.array([aside[0], 0.0, aside[1]])
+            _write(ax, "C6, C7" if i == 6 else f"C{i}", at, color=BLACK)
+    _write(ax, "soft exosuit", np.array([0.022, 0.0, 0.022]), color="white")
+    _write(ax, "line of actuation\nu = 2.4 N", np.array([0.078, 0.0, 0.026]), color=VERMILION)
+    _write(ax, "finger", np.array([0.0085, 0.0, -0.0068]), color=BLACK)
+    ends = np.array([[-0.015, 0.0, -0.05], [0.005, 0.0, -0.05]])
+    ax.plot(*_pixels(ends).T, color=BLACK, linewidth=1.5, solid_capstyle="butt")
+    _write(ax, "2 cm", ends.mean(axis=0) + np.array([0.0, 0.0, 0.005]), color=BLACK)
+    ax.set_title("1. A soft exosuit pushes a finger closed")
+
+
+def _arrow(ax: Axes, start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"], text: str) -> None:
+    """A force as an arrow from where it acts, its name and size below the tip."""
+    arrow = {
+        "arrowstyle": "-|>",
+        "color": TRUE,
+        "linewidth": 2,
+        "mutation_scale": 10,
+        "shrinkA": 0,
+        "shrinkB": 0,
+    }
+    ax.annotate("", _pixels(end), xytext=_pixels(start), arrowprops=arrow)
+    _write(ax, text, end - np.array([0.0, 0.0, 0.0005]), color=TRUE)
+
+
+def _write(ax: Axes, text: str, at: Float[np.ndarray, "3"], color: str) -> None:
+    """Text with its upper edge at a place in the world [m]."""
+    ax.text(*_pixels(at), text, color=color, ha="center", va="top", fontsize=7.5)
+
+
+def _line(exosuit: Exosuit, motion: Motion) -> Float[np.ndarray, "points 3"]:
+    """The line of actuation in the world: on the surface away from the finger [m]."""
+    frames = np.asarray(motion.pose[assemble(exosuit).frame_slice(ROD)])
+    surface = radius(exosuit.shape.surface, QUADRATURE.points)
+    return frames[:, :3, 3] + surface[:, None] * frames[:, :3, 2]
+
+
+def _pixels(points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
+    return project(NEAR, points) - 0.5  # Matplotlib counts from the centre of the first pixel
+
+
+def _draw_forces(ax: Axes, forces: Float[np.ndarray, " 8"]) -> None:
+    place = np.arange(len(CONTACTS))
+    bars = ax.barh(place, forces[1:], height=0.6, color=TRUE)
+    ax.bar_label(bars, [f"{f:.3f}" if f > 0 else "0" for f in forces[1:]], padding=3, fontsize=7)
+    ax.set(yticks=place, yticklabels=CONTACTS, xlabel="contact force [N]", xlim=(0, 0.19))
+    ax.invert_yaxis()
+    ax.tick_params(axis="y", length=0)
+    ax.set_title("3. The forces to be read off it")
+
+
+def main() -> None:
+    """Draw every picture anew."""
+    IMAGES.mkdir(exist_ok=True)
+    overview().savefig(IMAGES / "overview.png", dpi=200, metadata={"Software": None})
+    print(f"wrote {IMAGES / 'overview.png'}")
+
+
+if __name__ == "__main__":
+    main()
