@@ -13,10 +13,10 @@ IDENTITY = {"camera": "512 px/m", "shapes": 3, "young": 300e3}
 
 @pytest.fixture(scope="session")
 def blobs() -> Samples:
-    """80 frames of 32×32; forces follow from the picture alone, C6 is never loaded."""
+    """80 frames of 40×40, the smallest that training moves; forces follow from the picture alone, C6 is 0."""
     generator = np.random.default_rng(7)
-    y, x = np.mgrid[:32, :32] / 32
-    images = np.zeros((80, 32, 32), np.uint8)
+    y, x = np.mgrid[:40, :40] / 40
+    images = np.zeros((80, 40, 40), np.uint8)
     forces = np.zeros((80, 7), np.float32)
     for image, force in zip(images, forces, strict=True):
         a, b = generator.uniform(0.2, 0.8, 2)

@@ -20,7 +20,7 @@ def exported(trained: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("count", [1, 2, 37])
 def test_onnx_runtime_answers_as_pytorch_does_for_any_batch(exported: Path, trained: Path, count: int):
-    images = np.random.default_rng(count).random((count, 1, 32, 32), dtype=np.float32)
+    images = np.random.default_rng(count).random((count, 1, 40, 40), dtype=np.float32)
     session, _ = open_model(exported, 1)
     forces = session.run(["forces"], {"image": images})[0]
     with torch.inference_mode():
@@ -32,7 +32,7 @@ def test_onnx_runtime_answers_as_pytorch_does_for_any_batch(exported: Path, trai
 
 def test_metadata_say_what_the_network_is(exported: Path):
     _, card = open_model(exported, 1)
-    assert (card.network, card.seed, card.image_height, card.image_width) == ("light", 5, 32, 32)
+    assert (card.network, card.seed, card.image_height, card.image_width) == ("light", 5, 40, 40)
     assert card.contacts == ("C1", "C2", "C3", "C4", "C5", "C6", "C7")
     assert card.unit == "N"
     assert card.data == {"camera": "512 px/m", "shapes": 3, "young": 300e3}
@@ -81,7 +81,7 @@ def test_a_network_that_answers_otherwise_is_not_written(
     convert = export._convert
 
     def wrong(model: ForceModel, card) -> onnx.ModelProto:
-        other = ForceModel(build_network("light", (32, 32), 9).eval(), model.scale)
+        other = ForceModel(build_network("light", (40, 40), 9).eval(), model.scale)
         return convert(other, card)
 
     monkeypatch.setattr(export, "_convert", wrong)

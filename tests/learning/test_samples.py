@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exosight.errors import InputError
-from exosight.learning.samples import Samples, check_samples, epoch_batches, fingerprint, force_scale
+from exosight.learning.samples import Samples, check_samples, epoch_batches, fingerprint, force_scale, shifted
 
 
 def test_good_frames_pass(blobs: Samples):
@@ -87,6 +87,37 @@ def test_order_follows_from_seed_and_epoch_alone():
     assert order[0] != order[1]
     assert order[0] != order[2]
     assert order[1] != order[2]
+
+
+def test_images_move_by_whole_pixels_and_their_border_repeats():
+    generator = np.random.default_rng(0)
+    images = generator.integers(0, 256, (40, 120, 80), np.uint8)
+    moves = set()
+    for image, moved in zip(images, shifted(images, 1, 2, 3), strict=True):
+        # Largest moves: 120 // 40 rows and 80 // 40 columns. The inner part says which move it was.
+        padded = np.pad(image, ((3, 3), (2, 2)), mode="edge")
+        fits = [
+            (y, x)
+            for y in range(7)
+            for x in range(5)
+            if np.array_equal(padded[y : y + 120, x : x + 80], moved)
+        ]
+        assert len(fits) == 1
+        moves.update(fits)
+    assert {y for y, _ in moves} == set(range(7))
+    assert {x for _, x in moves} == set(range(5))
+
+
+def test_moves_follow_from_seed_epoch_and_step_alone():
+    images = np.random.default_rng(0).integers(0, 256, (8, 80, 80), np.uint8)
+    moved = [shifted(images, *key).tobytes() for key in [(1, 2, 3), (2, 2, 3), (1, 3, 3), (1, 2, 4)]]
+    assert moved[0] == shifted(images, 1, 2, 3).tobytes()
+    assert len(set(moved)) == 4
+
+
+def test_small_images_stay_where_they_are():
+    images = np.random.default_rng(0).integers(0, 256, (8, 39, 39), np.uint8)
+    assert np.array_equal(shifted(images, 0, 1, 0), images)
 
 
 def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Samples):

@@ -4,7 +4,7 @@ import dataclasses
 import os
 from typing import Annotated, Literal
 
-import pydantic
+from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from exosight.learning.recipes import RECIPES
@@ -15,7 +15,7 @@ RecipeName = Literal["modern", "paper"]
 _RECIPE_OF_NETWORK: dict[NetworkName, RecipeName] = {"light": "modern", "paper": "paper"}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class TrainConfig:
     """One training run: the network brings its recipe, the recipe its epochs and learning rate."""
 
@@ -23,15 +23,15 @@ class TrainConfig:
     """light: 14 M multiply-adds an image, made for a CPU; paper: the published network, 78,847 parameters"""
     recipe: RecipeName | None = None
     """modern: one-cycle AdamW; paper: Adam until a plateau; default: modern for light, paper for paper"""
-    epochs: Annotated[int, pydantic.Field(ge=1, le=100_000)] | None = None
+    epochs: Annotated[int, Field(ge=1, le=100_000)] | None = None
     """passes over the training part; default: the recipe's (paper: at most, it stops when it stalls)"""
-    learning_rate: Annotated[float, pydantic.Field(gt=0, le=1)] | None = None
+    learning_rate: Annotated[float, Field(gt=0, le=1)] | None = None
     """largest learning rate; default: the recipe's"""
-    batch: Annotated[int, pydantic.Field(ge=4, le=65_536)] = 64
+    batch: Annotated[int, Field(ge=4, le=65_536)] = 64
     """images a step"""
-    seed: Annotated[int, pydantic.Field(ge=0, lt=2**63)] = 0
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """decides the first weights and the order of the images"""
-    threads: Annotated[int, pydantic.Field(ge=1, le=1024)] | None = None
+    threads: Annotated[int, Field(ge=1, le=1024)] | None = None
     """CPU threads; default: one a core. Another count rounds differently in the last digit"""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """where to train; auto: the GPU where there is one"""

@@ -24,9 +24,9 @@ class EpochRecord:
     learning_rate: float
     """of the epoch's last step"""
     train_loss: float
-    """L1 in the recipe's scale, mean over the epoch while the weights moved"""
+    """the recipe's loss [-], mean over the epoch while the weights moved"""
     validation_loss: float | None
-    """the same measure on the validation part"""
+    """the same measure on the validation part [-]"""
     validation_l1: float | None
     """mean absolute error over C1…C7 on the validation part [N]"""
     seconds: float

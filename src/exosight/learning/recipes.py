@@ -36,6 +36,16 @@ class Recipe(Protocol):
         ...
 
     @property
+    def loss_corner(self) -> float:
+        """Error at which the loss turns from a square to its absolute value; 0 is plain L1."""
+        ...
+
+    @property
+    def shifts_images(self) -> bool:
+        """Whether the training images are moved by up to 1/40 of their side, at random."""
+        ...
+
+    @property
     def validate_every(self) -> int:
         """Epochs between validations."""
         ...
@@ -53,13 +63,19 @@ class Recipe(Protocol):
 class Modern:
     """One-cycle AdamW: the rate rises over the first 30 % of the steps, then falls to nearly nothing.
 
+    Plain L1 answers the median, which is zero for a contact that is rarely loaded: from 66 shapes, C7 was
+    never found at all (r = 0 on unseen shapes, against 0.7 with squares below one standard deviation). Forces
+    do not depend on where in the picture the exosuit is; moving it raised the mean r there from 0.83 to 0.86.
+
     Source: Smith and Topin, Super-convergence, doi 10.1117/12.2520589; branches as in PyTorch's OneCycleLR.
     """
 
     learning_rate: float = 3e-3
-    epochs: int = 30
+    epochs: int = 40
     weight_decay: float = 0.01
     scales_forces: bool = True
+    loss_corner: float = 1.0
+    shifts_images: bool = True
     validate_every: int = 1
 
     def rate(self, peak: float, step: int, steps: int, history: Sequence[EpochRecord]) -> float:
@@ -87,6 +103,8 @@ class Paper:
     epochs: int = 2000
     weight_decay: float = 0.0
     scales_forces: bool = False
+    loss_corner: float = 0.0
+    shifts_images: bool = False
     validate_every: int = 5
     plateau_epochs: int = 10
     patience: int = 5

@@ -4,7 +4,7 @@ import hashlib
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64, Integer
+from jaxtyping import Float32, Float64, Int64, Integer, UInt8
 
 from exosight.errors import InputError
 
@@ -84,6 +84,23 @@ def epoch_batches(
     """
     order = np.random.default_rng([seed, epoch]).permutation(index.astype(np.int64))
     return np.array_split(order, -(-len(order) // batch))
+
+
+def shifted(
+    images: UInt8[np.ndarray, "batch height width"], seed: int, epoch: int, step: int
+) -> UInt8[np.ndarray, "batch height width"]:
+    """Move each image by its own whole pixels, up to 1/40 of its side; the border repeats into the gap.
+
+    The moves follow from seed, epoch and step alone.
+    """
+    _, height, width = images.shape
+    down, right = height // 40, width // 40
+    padded = np.pad(images, ((0, 0), (down, down), (right, right)), mode="edge")
+    generator = np.random.default_rng(np.random.SeedSequence([seed, epoch], spawn_key=(step,)))
+    moves = generator.integers(0, [2 * down + 1, 2 * right + 1], (len(images), 2))
+    return np.stack(
+        [image[y : y + height, x : x + width] for image, (y, x) in zip(padded, moves, strict=True)]
+    )
 
 
 def fingerprint(samples: Samples) -> str:

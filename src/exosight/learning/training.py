@@ -28,6 +28,7 @@ from exosight.learning.samples import (
     epoch_batches,
     fingerprint,
     force_scale,
+    shifted,
 )
 
 CHECKPOINT_SECONDS = 30.0
@@ -148,7 +149,10 @@ def _run_steps(
     saved = time.perf_counter()
     for chosen in batches[run.position.batch :]:
         rate = run.recipe.rate(settings.learning_rate, run.position.step, steps, run.history)
-        loss = _step(run, *_tensors(samples, chosen, settings.device), rate)
+        images = samples.images[chosen]
+        if run.recipe.shifts_images:
+            images = shifted(images, settings.seed, epoch, run.position.batch)
+        loss = _step(run, *_tensors(images, samples.forces[chosen], settings.device), rate)
         _require_finite(loss, "loss", epoch, settings)
         now = time.perf_counter()
         run.position = replace(
@@ -169,40 +173,42 @@ def _run_steps(
 def _step(
     run: Run, images: Float[Tensor, "batch 1 height width"], forces: Float[Tensor, "batch 7"], rate: float
 ) -> float:
-    """Take one step on L1 in units of the scale; returns the loss before it."""
+    """Take one step on the recipe's loss; returns the loss before it."""
     for group in run.optimizer.param_groups:
         group["lr"] = rate
     run.network.train()
     run.optimizer.zero_grad()
-    loss = nn.functional.l1_loss(run.network(images), forces / run.scale)
+    loss = nn.functional.smooth_l1_loss(run.network(images), forces / run.scale, beta=run.recipe.loss_corner)
     loss.backward()
     run.optimizer.step()
     return loss.item()
 
 
 def _validate(run: Run, samples: Samples) -> tuple[float, float]:
-    """L1 in units of the scale, and L1 in newtons, of the forces that the network would answer in use."""
+    """The recipe's loss and the mean absolute error [N] of the forces as they would be answered in use."""
     model = ForceModel(run.network, run.scale).eval()
-    index = samples.validation_index
+    settings, index = run.identity.settings, samples.validation_index
     totals = torch.zeros(2, dtype=torch.float64)
     with torch.inference_mode():
         for start in range(0, len(index), _VALIDATION_BATCH):
             chosen = index[start : start + _VALIDATION_BATCH]
-            images, forces = _tensors(samples, chosen, run.identity.settings.device)
-            error = (model(images) - forces).abs()
-            totals += torch.stack([(error / run.scale).double().mean(), error.double().mean()]).cpu() * len(
-                chosen
+            images, truth = _tensors(samples.images[chosen], samples.forces[chosen], settings.device)
+            forces = model(images)
+            loss = nn.functional.smooth_l1_loss(
+                forces / run.scale, truth / run.scale, beta=run.recipe.loss_corner
             )
+            l1 = nn.functional.l1_loss(forces, truth)
+            totals += torch.tensor([loss.item(), l1.item()], dtype=torch.float64) * len(chosen)
     loss, l1 = (totals / len(index)).tolist()
     return loss, l1
 
 
 def _tensors(
-    samples: Samples, index: Integer[np.ndarray, " batch"], device: str
+    images: UInt8[np.ndarray, "batch height width"], forces: Float32[np.ndarray, "batch 7"], device: str
 ) -> tuple[Float[Tensor, "batch 1 height width"], Float[Tensor, "batch 7"]]:
-    """A batch: images in [0, 1], forces [N]. The frames stay uint8 in memory until here."""
-    images = torch.from_numpy(samples.images[index]).to(device).float().div_(255.0).unsqueeze(1)
-    return images, torch.from_numpy(samples.forces[index]).to(device)
+    """A batch: images in [0, 1], forces [N]. The images stay uint8 in memory until here."""
+    scaled = torch.from_numpy(images).to(device).float().div_(255.0).unsqueeze(1)
+    return scaled, torch.from_numpy(forces).to(device)
 
 
 def _require_finite(loss: float, name: str, epoch: int, settings: Settings) -> None:
