@@ -1,0 +1,89 @@
+"""One exosuit's loading path: how pressure in a tapered rod becomes force on a finger.
+
+The exosuit of the publication's controller, a silicone rod of 9.5 cm that tapers from a radius of 1 cm to
+0.5 cm (Learning User Interaction Forces using Vision for a Soft Finger Exosuit), is clamped above the base of
+a finger with three joints. The actuation u pushes along its upper surface, so that it curls onto the finger
+and flexes it. u rises from 0 to 4 N and falls back to 0, in steps of 0.05 N; each stable equilibrium is the
+start of the next.
+
+The figure shows poses on the way up, the forces on the finger's spheres C1…C7 (circles), and F_net, their
+sum. Near 2.8 N the exosuit snaps from one stable pose to another and F_net jumps; on the way back it does so
+near 2.3 N: hysteresis without friction. The number is F_net at 4 N, in newtons.
+"""
+
+from pathlib import Path
+
+import jax
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+
+from exosight.exosuit.assembly import QUADRATURE, Exosuit, assemble, observe
+from exosight.exosuit.shapes import ExosuitShape, Linear, radius
+from exosight.mechanics import follow, stack
+
+BLUE, ORANGE, BLACK = "#0072B2", "#E69F00", "#000000"
+CONTACTS = ["#000000", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#E69F00"]
+"""C1…C7, in colours that readers of every kind of colour vision tell apart."""
+CM = 100.0
+
+
+def outline(axis: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """The edge of a tube around an axis in the x–z plane."""
+    along = np.gradient(axis, axis=0)
+    normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
+    return np.concatenate([axis + radii[:, None] * normal, (axis - radii[:, None] * normal)[::-1]])
+
+
+def draw(ax: Axes, exosuit: Exosuit, centreline: np.ndarray, nodes: np.ndarray) -> None:
+    finger = exosuit.finger
+    for link in range(len(nodes) - 1):
+        base, end = nodes[link : link + 2]
+        edge = outline(nodes[link : link + 2], np.array(finger.radii[link : link + 2]))
+        ax.add_patch(Polygon(CM * edge, facecolor="#DDDDDD", edgecolor="none"))
+        centre = base + finger.centre_of_mass(link) / finger.lengths[link] * (end - base)
+        for at, size in zip((base, centre), finger.sphere_radii()[2 * link :], strict=False):
+            ax.add_patch(Circle(CM * at, CM * size, fill=False, edgecolor="#777777", linewidth=0.6))
+    radii = radius(exosuit.shape.surface, QUADRATURE.points)
+    edge = CM * outline(centreline, radii)
+    ax.add_patch(Polygon(edge, facecolor=ORANGE, edgecolor=BLACK, linewidth=0.5, alpha=0.85))
+
+
+def main(folder: Path = Path("results/02_exosuit_path")) -> float:
+    exosuit = Exosuit(ExosuitShape(Linear(r0=0.010, r1=0.005), length=0.095))
+    up = np.linspace(0.0, 4.0, 81)
+    u = np.concatenate([up, up[-2::-1]])
+    robot = assemble(exosuit)
+    found = follow([robot], u[:, None])
+    pose = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack([robot]), found.q))
+
+    figure = Figure(figsize=(7.0, 4.8), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(1, 1.4))
+    panels = above.subplots(1, 4, sharey=True)
+    for ax, load in zip(panels, (0.0, 1.0, 2.4, 4.0), strict=True):
+        k = int(np.argmin(np.abs(up - load)))
+        draw(ax, exosuit, pose.centreline[k][:, ::2], pose.finger[k][:, ::2])
+        ax.set(aspect="equal", xlim=(-1.5, 10.5), ylim=(-6, 4), xlabel="x [cm]")
+        ax.set_title(f"u = {load:g} N", fontsize=9)
+    panels[0].set_ylabel("z [cm]")
+
+    contacts, net = below.subplots(1, 2)
+    for i, color in enumerate(CONTACTS, start=1):
+        if pose.forces[: len(up), i].max() > 0:
+            contacts.plot(up, pose.forces[: len(up), i], color=color, label=f"C{i}")
+    contacts.set(xlabel="actuation u [N]", ylabel="contact force [N]")
+    contacts.set_title("Force on each of the finger's spheres, u rising", fontsize=9)
+    contacts.legend(frameon=False, fontsize=8)
+    net.plot(up, pose.net_force[: len(up)], color=BLUE, linewidth=2.5, label="u rising")
+    net.plot(u[len(up) - 1 :], pose.net_force[len(up) - 1 :], color=ORANGE, linewidth=1.2, label="u falling")
+    net.set(xlabel="actuation u [N]", ylabel="force on the finger F_net [N]")
+    net.set_title("F_net, their sum, up and down again", fontsize=9)
+    net.legend(frameon=False, fontsize=8)
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / "exosuit_path.png", dpi=200)
+    return float(pose.net_force[len(up) - 1])
+
+
+if __name__ == "__main__":
+    print(f"F_net at u = 4 N: {main():.4f} N")

@@ -1,0 +1,121 @@
+"""Sections, joints, links, rods and the tree: closed forms of stiffness and mass, and what is refused."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from exosight.errors import InputError
+from exosight.mechanics import Gauss, Legendre, Link, NodalQuadratic, PressureLine, Revolute, Robot, Rod
+from exosight.mechanics.contact import Spheres
+from exosight.mechanics.section import circular_mass, circular_stiffness
+
+POINTS = Gauss(5, 3)
+
+
+def make_rod(**changes: object) -> Rod:
+    given = {"length": 0.1, "radius": jnp.full(POINTS.size, 0.005), "young": 3e5}
+    fixed = {"strains": {"bend_y": NodalQuadratic(5), "stretch_x": Legendre(0)}, "quadrature": POINTS}
+    return Rod("rod", **(given | fixed | changes))
+
+
+def test_section_of_a_round_bar() -> None:
+    """(G·2I, E·I, E·I, E·A, G·A, G·A) with A = πr², I = πr⁴/4, G = E/2(1 + ν)."""
+    r, young, poisson = 0.01, 1e6, 0.25
+    area, moment, shear = np.pi * r**2, np.pi * r**4 / 4, young / 2.5
+    expected = [2 * shear * moment, *[young * moment] * 2, young * area, *[shear * area] * 2]
+    found = circular_stiffness(jnp.array([r]), jnp.array(young), jnp.array(poisson))
+    np.testing.assert_allclose(found[0], expected, rtol=1e-14)
+    np.testing.assert_allclose(circular_mass(jnp.array([r]), jnp.array(1070.0)), 1070 * area, rtol=1e-14)
+
+
+def test_energy_of_uniform_bending_and_stretching_of_a_taper() -> None:
+    """½ κ² ∫EI ds + ½ ε² ∫EA ds: of degree 4 and 2 for a linear radius, so Gauss integrates them."""
+    base, tip, length, young = 0.006, 0.004, 0.1, 3e5
+    radius = jnp.asarray(base + (tip - base) * POINTS.points)
+    rod = make_rod(radius=radius, length=length, young=young)
+    angle, stretch = 0.7, 0.05
+    q = np.concatenate([np.full(11, angle), [stretch]])  # κ = angle / length
+    fourth = (tip**5 - base**5) / (5 * (tip - base)) * length
+    second = (tip**3 - base**3) / (3 * (tip - base)) * length
+    expected = 0.5 * young * np.pi * ((angle / length) ** 2 * fourth / 4 + stretch**2 * second)
+    assert 0.5 * q @ rod.stiffness() @ q == pytest.approx(expected, rel=1e-13)
+
+
+def test_mass_of_a_taper_is_that_of_the_frustum() -> None:
+    base, tip = 0.006, 0.004
+    rod = make_rod(radius=jnp.asarray(base + (tip - base) * POINTS.points), density=1070.0)
+    frustum = np.pi * 0.1 / 3 * (base**2 + base * tip + tip**2)
+    assert float(rod.mass().sum()) == pytest.approx(1070 * frustum, rel=1e-13)
+
+
+def test_strains_keep_one_order_however_they_are_named() -> None:
+    one = make_rod(strains={"stretch_x": Legendre(0), "bend_y": Legendre(1)})
+    other = make_rod(strains={"bend_y": Legendre(1), "stretch_x": Legendre(0)})
+    assert one.strains == other.strains
+    assert one.rows == (1, 3)
+    assert one.dofs == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"length": 0.0}, "length: expected a finite number above 0 m, got 0"),
+        ({"length": float("nan")}, "length: expected a finite number above 0 m, got nan"),
+        ({"young": -1.0}, "young: expected a finite number above 0 Pa, got -1"),
+        ({"poisson": 0.6}, "poisson: expected within"),
+        ({"density": -1.0}, "density: expected at least 0"),
+        ({"strains": {"bend": NodalQuadratic(5)}}, "strains: expected some of torsion_x, bend_y"),
+        ({"strains": {}}, "strains: expected some of"),
+        ({"radius": jnp.zeros(POINTS.size)}, "radius: expected finite numbers above 0 m"),
+        ({"radius": jnp.full(POINTS.size, jnp.nan)}, "radius: expected finite numbers above 0 m"),
+    ],
+)
+def test_impossible_rods_are_refused(changes: dict, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        make_rod(**changes)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"axis": (0.0, 1.0, 1.0)}, "expected a unit vector"),
+        ({"stiffness": -1.0}, "stiffness: expected"),
+        ({"stiffness": float("nan")}, "stiffness: expected"),
+        ({"limits": (1.0, -1.0)}, "expected lower < upper"),
+    ],
+)
+def test_impossible_hinges_are_refused(arguments: dict, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Revolute(**arguments)
+
+
+def test_impossible_trees_are_refused() -> None:
+    site = jnp.zeros((1, 3))
+    with pytest.raises(InputError, match="length: expected at least 0 m, got -1"):
+        Link("a", -1.0, site)
+    with pytest.raises(InputError, match="two bodies are named 'a'"):
+        Robot((Link("a", 1.0, site), Link("a", 1.0, site)))
+    with pytest.raises(InputError, match="'b' sits on 'c', which does not come before it"):
+        Robot((Link("a", 1.0, site), Link("b", 1.0, site, parent="c")))
+    robot = Robot((Link("a", 1.0, site),))
+    with pytest.raises(InputError, match="no body is named 'b'; it has a"):
+        robot.index("b")
+    with pytest.raises(InputError, match="no body is named 'b'"):
+        Spheres((("b", 0),), jnp.ones(1)).index(robot)
+
+
+def test_slices_tile_the_tree(tree: Robot) -> None:
+    for slices, total in (
+        ([tree.dof_slice(body.name) for body in tree.bodies], tree.dofs),
+        ([tree.frame_slice(body.name) for body in tree.bodies], tree.frames),
+    ):
+        assert [s.start for s in slices] == [0, *(s.stop for s in slices[:-1])]
+        assert slices[-1].stop == total
+    # All six strains on 5 nodes or 3 polynomials, a hinge each; then shear and bending of the branch.
+    assert tree.dofs == 1 + 5 * 5 + 3 + 1 + 1 + 5
+
+
+def test_a_line_needs_a_rod() -> None:
+    robot = Robot((Link("a", 1.0, jnp.zeros((1, 3))),))
+    with pytest.raises((InputError, TypeError), match="'a' is not a rod"):
+        PressureLine("a", 0, jnp.zeros((1, 3)), jnp.zeros((1, 3))).bind(robot)
