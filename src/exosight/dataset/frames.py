@@ -22,7 +22,7 @@ class Frames:
     u: Float32[np.ndarray, " frames"]
     """Actuation [N], positive pushes."""
     pose: Float64[np.ndarray, "frames dofs"]
-    """Generalised coordinates of the plant: rod strains [1/m, -], then joint angles [rad]."""
+    """Generalised coordinates of the plant: bending [rad], stretch [-], then joint angles [rad]."""
     shape_id: Int32[np.ndarray, " frames"]
     """Exosuit shape, as numbered in the list of shapes."""
     family: Int8[np.ndarray, " frames"]
