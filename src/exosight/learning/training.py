@@ -221,10 +221,12 @@ def _require_finite(loss: float, name: str, epoch: int, settings: Settings) -> N
 
 def _plain(identity: Mapping[str, str | int | float]) -> dict[str, str | int | float]:
     """Return the identity as its JSON reads back, so that a resumed run compares equal."""
-    try:
-        return json.loads(json.dumps(dict(identity), allow_nan=False))
-    except (TypeError, ValueError) as error:
-        raise InputError(f"data_identity: expected text and finite numbers, got {dict(identity)}") from error
+    for name, value in identity.items():
+        if not isinstance(value, str | int | float) or (
+            isinstance(value, float) and not math.isfinite(value)
+        ):
+            raise InputError(f"data_identity: expected text or a finite number for {name}, got {value!r}")
+    return json.loads(json.dumps(dict(identity)))
 
 
 def _device(wanted: Literal["auto", "cpu", "cuda"]) -> Literal["cpu", "cuda"]:
