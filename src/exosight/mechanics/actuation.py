@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from exosight.errors import InputError
 from exosight.mechanics.energy import Bound, Expansion, Term, zero
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
@@ -27,11 +28,16 @@ class PressureLine(Term):
     offset: Float[Array, "points 3"]
     slope: Float[Array, "points 3"]
 
+    @property
+    def loads(self) -> int:
+        """Its channel and those before it."""
+        return self.channel + 1
+
     def bind(self, robot: Robot) -> Bound:
         """∂y/∂q is constant and bound once."""
         rod = robot[self.rod]
         if not isinstance(rod, Rod):
-            raise TypeError(f"PressureLine: {self.rod!r} is not a rod")
+            raise InputError(f"PressureLine: {self.rod!r} is a link; a line runs along a rod")
         columns = robot.dof_slice(self.rod)
         start = columns.start + rod.joint.dofs
         weights = rod.weights()

@@ -24,8 +24,8 @@ class Spheres(eqx.Module):
     radius: Float[Array, " spheres"]
 
     def index(self, robot: Robot) -> tuple[int, ...]:
-        """Each sphere's place among all frames of the robot."""
-        return tuple(robot.frame_slice(body).start + frame for body, frame in self.frames)
+        """Each sphere's place among all frames of the robot; InputError if a body has no such frame."""
+        return tuple(robot.frame(body, frame) for body, frame in self.frames)
 
 
 class SphereContact(Term):

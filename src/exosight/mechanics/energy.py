@@ -48,8 +48,13 @@ class Term(eqx.Module):
     """An energy. `bind` computes what does not change with the pose and returns the rest.
 
     A term whose derivatives say nothing of what is just ahead (a gap says nothing of the contact behind it)
-    also has a `reach`.
+    also has a `reach`; one that is scaled by loads says how many it needs.
     """
+
+    @property
+    def loads(self) -> int:
+        """How many load channels there must be for this term: its channel's number + 1, or none."""
+        return 0
 
     def bind(self, robot: Robot) -> Bound:
         """The function (q, motion, loads) -> Expansion of this term on `robot`."""
@@ -73,7 +78,7 @@ class Evaluation(NamedTuple):
 def potential(
     robot: Robot,
 ) -> Callable[[Float[Array, " dofs"], Float[Array, " loads"]], tuple[Evaluation, Motion]]:
-    """The function (q, loads) -> Π with its exact gradient and Hessian, and the motion they were taken at.
+    """The function (q, loads) -> Π with its gradient and Hessian, and the motion they were taken at.
 
     Everything that depends on the design alone is computed here, once.
     """
@@ -200,10 +205,14 @@ class DeadForce(Term):
     channel: int = eqx.field(static=True)
     direction: Float[Array, "3"]
 
+    @property
+    def loads(self) -> int:
+        """Its channel and those before it."""
+        return self.channel + 1
+
     def bind(self, robot: Robot) -> Bound:
         """The frame's index is bound once."""
-        frames = robot.frame_slice(self.body)
-        i = range(frames.start, frames.stop)[self.frame]
+        i = robot.frame(self.body, self.frame)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
             none = zero(robot, loads)

@@ -35,6 +35,10 @@ class SolverOptions:
     max_iterations: int = 200
     lanes: int = 16
 
+    def __post_init__(self) -> None:
+        if not (self.tolerance > 0 and self.max_iterations > 0 and self.lanes > 0):
+            raise InputError(f"solver: expected tolerance, max_iterations and lanes above 0, got {self}")
+
 
 class Equilibria(eqx.Module):
     """Equilibria along a path; every field may carry leading batch dimensions.
@@ -85,10 +89,17 @@ def follow(
     starts the next load from it. Compiled once a structure, and for each power of two of robots and loads.
     """
     loads = np.asarray(loads, dtype=float)
-    if loads.ndim != 2 or not len(loads) or not np.all(np.isfinite(loads)):
-        raise InputError(
-            f"loads: expected finite numbers of shape (loads, channels), got shape {loads.shape}"
-        )
+    if not robots:
+        raise InputError("robots: expected at least one, got none")
+    if any(jax.tree.structure(robot) != jax.tree.structure(robots[0]) for robot in robots):
+        raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
+    if loads.ndim != 2 or not len(loads):
+        raise InputError(f"loads: expected shape (loads, channels), at least one load, got {loads.shape}")
+    if not np.all(np.isfinite(loads)):
+        raise InputError("loads: expected finite numbers, got NaN or infinity among them")
+    needed = max((term.loads for term in robots[0].terms), default=0)
+    if loads.shape[1] < needed:
+        raise InputError(f"loads: the robot's terms need {needed} channels, got {loads.shape[1]}")
     source = np.arange(-1, len(loads) - 1) if parents is None else np.asarray(parents)
     if source.shape != loads.shape[:1] or np.any(source >= np.arange(len(loads))) or np.any(source < -1):
         raise InputError("parents: expected each load to start from an earlier one, or from −1")

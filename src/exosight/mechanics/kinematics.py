@@ -129,10 +129,11 @@ def walk(robot: Robot, q: Float[Array, " dofs"]) -> Motion:
 def geometric_stiffness(
     robot: Robot, motion: Motion, wrench: Float[Array, "frames 6"]
 ) -> Float[Array, "dofs dofs"]:
-    """∂/∂q of Σ_i J_iᵀ W_i for spatial wrenches W_i that do not change; symmetric, and exact.
+    """∂/∂q of Σ_i J_iᵀ W_i for spatial wrenches W_i that do not change; symmetric.
 
     With w_j the sum of the wrenches below step j and C(w) y = ad_yᵀ w, step j adds
-    S_jᵀ C(w_j) J_{j−1}, and the second derivative of exp(Ω_j(q)) itself, contracted with w_j.
+    S_jᵀ C(w_j) J_{j−1}, and the second derivative of exp(Ω_j(q)) itself, contracted with w_j; the latter is
+    cut off at order θ⁶ of the rotation θ within a step.
 
     wrench    (frames, 6)    [moment N m; force N], in the world about its origin
     returns   (dofs, dofs)
@@ -173,7 +174,8 @@ def _exponential_curvature(twist: Array, wrench: Array, columns: Array) -> Array
     """∂(T(Ω)ᵀ w)/∂Ω · columns, from T = Σ_k ad(Ω)^k / (k + 1)!.
 
     With n_i = Σ_j (adᵀ)^j w / (i + j + 2)! it is Σ_i (adᵀ)^i C(n_i). Six orders leave θ⁶/8! of the wrench,
-    below 1e-7 of it at the angles between neighbouring points of a rod (up to 0.4 rad).
+    below 1e-7 of it at 0.4 rad between neighbouring points of a rod and about 1e-3 at 2 rad: there Newton's
+    method converges linearly, to the same point, since the gradient is exact.
     """
     orders = 6
     transposed = jnp.swapaxes(lie.ad(twist), 1, 2)

@@ -39,8 +39,8 @@ class Link(eqx.Module):
         mount: Float[AnyArray, "4 4"] | None = None,
         mass: Float[AnyArray, " frames"] | None = None,
     ) -> None:
-        if not length >= 0:
-            raise InputError(f"link {name!r}, length: expected at least 0 m, got {length}")
+        if not 0 <= length < float("inf"):
+            raise InputError(f"link {name!r}, length: expected a finite length of at least 0 m, got {length}")
         self.name, self.parent = name, parent
         self.joint = Fixed() if joint is None else joint
         self.mount = jnp.eye(4) if mount is None else jnp.asarray(mount, dtype=float)

@@ -62,6 +62,14 @@ class Robot(eqx.Module):
         start = sum(body.frames for body in self.bodies[:i])
         return slice(start, start + self.bodies[i].frames)
 
+    def frame(self, name: str, number: int) -> int:
+    """Where frame `number` of body `name` (−1: its last) stands among all; InputError if it has none."""
+        own = self.frame_slice(name)
+        count = own.stop - own.start
+        if not -count <= number < count:
+            raise InputError(f"robot: body {name!r} has frames 0…{count - 1}, got {number}")
+        return range(own.start, own.stop)[number]
+
     def dof_slice(self, name: str) -> slice:
         """Where the coordinates of body `name` (its joint's, then its strains') stand among all."""
         i = self.index(name)

@@ -70,8 +70,8 @@ class Rod(eqx.Module):
                 )
         if not -1 < poisson <= 0.5:
             raise InputError(f"rod {name!r}, poisson: expected within (-1, 0.5], got {poisson}")
-        if not density >= 0:
-            raise InputError(f"rod {name!r}, density: expected at least 0 kg/m³, got {density}")
+        if not 0 <= density < np.inf:
+            raise InputError(f"rod {name!r}, density: expected finite, at least 0 kg/m³, got {density}")
         unknown = set(strains) - set(STRAINS)
         if unknown or not strains:
             raise InputError(
