@@ -63,7 +63,7 @@ class Robot(eqx.Module):
         return slice(start, start + self.bodies[i].frames)
 
     def frame(self, name: str, number: int) -> int:
-    """Where frame `number` of body `name` (−1: its last) stands among all; InputError if it has none."""
+        """Where frame `number` of body `name` (−1: its last) stands among all; InputError if it has none."""
         own = self.frame_slice(name)
         count = own.stop - own.start
         if not -count <= number < count:
