@@ -1,9 +1,13 @@
 """What a person runs: the command line, the study and its report.
 
-main             the command line's door
-commands         one module a verb
-study, pipeline  the stages from a dataset to a report, and the steps that they share with single commands
-report, …        sections of text, tables and figures as one HTML page
+main, options    the command line's door: which command, with which options, and what is said when it fails
+commands         one module a command: its options, its help, and the call of what does the work
+pipeline         the steps from a dataset to a trained network that commands and study share
+evaluation       a network judged on a dataset
+trials           the closed loop's trials
+study, …         all of it; study_config holds its presets, study_report fills its report
+report, …        sections of text, tables and figures as one HTML page; chapters holds the study's sections
+console, output  what is shown; where results are written
 """
 
 import os

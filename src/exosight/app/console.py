@@ -19,20 +19,28 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from exosight.app.output import check_new_file
 from exosight.dataset.files import write_new_file
 from exosight.evaluation.tables import Table, cell_text
 
-out = Console(highlight=False, soft_wrap=True)
-notes = Console(stderr=True, highlight=False)
+
+class _Console(Console):
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError  # for the command line's door to deal with; Rich would end the program
+
+
+out = _Console(highlight=False)
+notes = _Console(stderr=True, highlight=False)
 
 
 class _Rate(ProgressColumn):
     def render(self, task: Task) -> Text:
-        speed = task.finished_speed or task.speed
-        return Text(f"{speed:.1f} {task.fields['unit']}/s" if speed else "")
+        done, seconds = task.completed - task.fields["before"], task.elapsed
+        return Text(f"{done / seconds:.1f} {task.fields['unit']}/s" if done and seconds else "")
 
 
 @contextmanager
@@ -40,20 +48,31 @@ def progress(description: str, unit: str) -> Iterator[Callable[[int, int], None]
     """A bar with rate and time left on stderr; yields the function to call with (done, total)."""
     columns = (
         TextColumn("{task.description}"),
-        BarColumn(),
+        BarColumn(bar_width=None),
         MofNCompleteColumn(),
-        _Rate(),
+        _Rate(table_column=Column(no_wrap=True)),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=notes) as bars:
-        task = bars.add_task(description, total=None, unit=unit)
+    bars = Progress(*columns, console=notes, expand=True)
+    started = False
 
-        def update(done: int, total: int) -> None:
-            bars.update(task, completed=done, total=total)
+    def update(done: int, total: int) -> None:
+        nonlocal started
+        if not started:  # only now: what is wrong at the door is told without a bar
+            started = True
+            bars.start()
+            # What an earlier run did before it was stopped says nothing about the speed of this one.
+            before = max(done - 1, 0)
+            bars.add_task(description, total=total, completed=before, before=before, unit=unit)
+        bars.update(bars.task_ids[0], completed=done)
 
+    try:
         yield update
+    finally:
+        if started:
+            bars.stop()
 
 
 def show(table: Table) -> None:
@@ -81,11 +100,21 @@ def say(text: str) -> None:
     notes.print(text, markup=False)
 
 
+def check_json_target(target: str | None) -> None:
+    """Raise DataError now if `write_json` will not be able to write there: before the work, not after it."""
+    if target not in (None, "-"):
+        check_new_file(Path(target))
+
+
 def write_json(values: Any, target: str) -> None:
     """Write plain values as JSON, to stdout if the target is "-", else to a new file."""
-    text = json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     if target == "-":
-        sys.stdout.write(text)
+        sys.stdout.write(to_json(values))
     else:
-        write_new_file(Path(target), text.encode())
+        write_new_file(Path(target), to_json(values).encode())
         say(f"wrote {target}")
+
+
+def to_json(values: Any) -> str:
+    """Plain values as JSON text, in ASCII so that no terminal or locale can break it."""
+    return json.dumps(values, indent=1, allow_nan=False) + "\n"

@@ -3,66 +3,68 @@
 Whatever a user can do wrong ends in one sentence on stderr and exit code 2.
 """
 
+import difflib
+import errno
+import io
 import os
 import sys
-from collections.abc import Sequence
-
-import pydantic
-import tyro
+from collections.abc import Callable, Sequence
+from importlib import import_module
 
 from exosight import __version__
-from exosight.app.commands.control import control
-from exosight.app.commands.evaluate import evaluate
-from exosight.app.commands.generate import generate
-from exosight.app.commands.simulate import simulate
-from exosight.app.commands.study import study
-from exosight.app.commands.train import train
-from exosight.errors import ExosightError
+from exosight.errors import ExosightError, InputError
 
 COMMANDS = {
-    "simulate": simulate,
-    "generate": generate,
-    "train": train,
-    "evaluate": evaluate,
-    "control": control,
-    "study": study,
+    "simulate": "equilibria of one exosuit under given loads",
+    "generate": "a dataset of labelled images from simulation",
+    "train": "a network from a dataset",
+    "evaluate": "a network judged beside the paper's",
+    "control": "the closed loop, with a network or the true force as sensor",
+    "study": "all of it, from simulation to one report",
 }
 
-DESCRIPTION = f"""exosight {__version__}: contact forces of a soft finger exosuit from a plain camera image.
+HELP = f"""exosight {__version__}: contact forces of a soft finger exosuit from a camera image
 
-The whole published system on small input:   exosight study --preset quick --out results/quick
-One exosuit under four loads:                exosight simulate --u 0 1 2.4 4
-Step by step:                                generate, train, evaluate, control"""
+usage: exosight COMMAND [OPTIONS]
+
+Commands
+{chr(10).join(f"  {name:<10}{words}" for name, words in COMMANDS.items())}
+
+The whole published system on small input, in minutes
+  exosight study --preset quick --out results/quick
+
+One exosuit under four loads
+  exosight simulate --u 0 1 2.4 4
+
+Step by step
+  exosight generate --out results/data
+  exosight train    --data results/data --out results/light
+  exosight evaluate --data results/data --model results/light/model.onnx
+  exosight control  --model results/light/model.onnx
+
+exosight COMMAND --help explains one command, exosight --version tells the version."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one command; never returns an exit code other than 0, 1 (a bug), 2 (wrong use) or 130 (stopped)."""
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
-    if arguments == ["--version"]:
-        print(f"exosight {__version__}")
-        return
+    """Run one command; never ends in an exit code other than 0, 1 (a bug), 2 (wrong use) or 130 (stopped)."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without "…" or "π" shows "?"
     try:
-        tyro.extras.subcommand_cli_from_dict(
-            COMMANDS,
-            prog="exosight",
-            description=DESCRIPTION,
-            args=arguments or ["--help"],
-            use_underscores=False,
-        )
-    except ExosightError as error:
-        _fail(str(error))
-    except pydantic.ValidationError as error:
-        fault = error.errors()[0]
-        name = "-".join(str(part) for part in fault["loc"]).replace("_", "-")
-        _fail(f"--{name}: {fault['msg'][0].lower()}{fault['msg'][1:]}, got {str(fault['input'])[:80]}")
+        _run(sys.argv[1:] if arguments is None else list(arguments))
+        sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
     except BrokenPipeError:
-        # The reader of our output (head, less) has gone; nothing is wrong.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence_stdout()  # the reader of our output (head, less) has gone; nothing is wrong
     except KeyboardInterrupt:
         print("exosight: stopped", file=sys.stderr)
         sys.exit(130)
+    except ExosightError as error:
+        _fail(str(error))
+    except MemoryError as error:
+        _fail(f"not enough memory ({error}); choose less at once, or smaller images")
     except OSError as error:
-        _fail(f"{error.filename or 'file'}: {error.strerror or error}")
+        _silence_stdout()
+        _fail(_sentence_of(error))
     except Exception as error:
         if os.environ.get("EXOSIGHT_TRACEBACK"):
             raise
@@ -72,6 +74,41 @@ def main(arguments: Sequence[str] | None = None) -> None:
             file=sys.stderr,
         )
         sys.exit(1)
+
+
+def _run(arguments: list[str]) -> None:
+    name, *options = arguments or ["--help"]
+    if name in ("-h", "--help"):
+        print(HELP)
+    elif name == "--version":
+        print(f"exosight {__version__}")
+    elif name in COMMANDS:
+        # Only now: each command imports what its options need.
+        from exosight.app.options import read_options
+
+        command: Callable[..., None] = getattr(import_module(f"exosight.app.commands.{name}"), name)
+        chosen = read_options(command, options)
+        if chosen is not None:
+            chosen()
+    else:
+        close = difflib.get_close_matches(name, COMMANDS, n=1)
+        remedy = f"perhaps you meant {close[0]}" if close else "see exosight --help"
+        raise InputError(f"expected a command, one of {', '.join(COMMANDS)}, got {name!r}; {remedy}")
+
+
+def _sentence_of(error: OSError) -> str:
+    what = f"{error.filename or 'output'}: {error.strerror or error}"
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return f"{what}; make room and run the same command again, with --resume where it has one"
+    return what
+
+
+def _silence_stdout() -> None:
+    """Keep Python from trying once more, while it shuts down, to write what nobody can read."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _fail(sentence: str) -> None:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Int
 
-from exosight.control.estimator import OnnxEstimator
 from exosight.dataset import Frames, Manifest, Split, dataset_identity, make_split, read_frames, read_manifest
 from exosight.errors import InputError
 from exosight.learning.config import TrainConfig
@@ -31,6 +30,11 @@ class Data:
 def load(folder: Path) -> Data:
     """A dataset from disk; DataError if it is missing, incomplete or damaged."""
     return Data(read_manifest(folder), read_frames(folder))
+
+
+def check_training() -> None:
+    """Raise InputError unless all that training needs is installed: before the data are made, not after."""
+    from exosight.learning import export_onnx, train  # noqa: F401
 
 
 def identity(data: Data, split: Split) -> dict[str, str | int | float]:
@@ -69,7 +73,7 @@ def fit(
         resume=resume,
         progress=lambda at: progress(at.step, at.steps),
     )
-    if not (resume and (folder / MODEL).exists()):
+    if not (folder / MODEL).exists():
         export_onnx(folder, folder / MODEL)
     return result.history
 
@@ -81,16 +85,12 @@ def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], 
     """
     if card.data.get("sha256") != dataset_identity(data.manifest)["sha256"]:
         return np.arange(len(data.frames)), "all frames of another dataset"
-    protocol, held_out = str(card.data["protocol"]), str(card.data["held_out"]) or None
-    split = make_split(data.frames, protocol, int(card.data["split_seed"]), held_out)
-    return split.test, f"test part by {protocol}"
-
-
-def judge(
-    estimator: OnnxEstimator, data: Data, index: Int[np.ndarray, " frames"]
-) -> tuple[Float32[np.ndarray, "frames 7"], Float32[np.ndarray, "frames 7"]]:
-    """True and estimated forces [N] of some frames."""
-    return data.frames.forces[index], estimator.estimate(data.frames.images[index])
+    try:
+        protocol, seed = str(card.data["protocol"]), int(card.data["split_seed"])
+        held_out = str(card.data["held_out"]) or None
+    except (KeyError, ValueError) as error:
+        raise InputError("model: its file does not tell which part of the data it learned from") from error
+    return make_split(data.frames, protocol, seed, held_out).test, f"test part by {protocol}"
 
 
 def camera_of(card: ModelCard) -> Camera:

@@ -1,12 +1,12 @@
 """The report of a study: what its stages left behind, turned into sections."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib import metadata
-from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
 
 import exosight
@@ -14,11 +14,12 @@ from exosight.app import chapters
 from exosight.app.pipeline import Data
 from exosight.app.report import Report
 from exosight.app.results import DataSummary, Judgement, LoopRun, PathSummary, RobustnessSummary, TrainingRun
-from exosight.control import CONTROL_SHAPE, OnnxEstimator, Trial
+from exosight.app.study_config import StudyConfig, to_text
+from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, Trial
 from exosight.dataset import Split
-from exosight.dataset.generation import load_path
+from exosight.dataset.generation import exosuit_of, load_path
 from exosight.evaluation import figures
-from exosight.exosuit.assembly import QUADRATURE, Exosuit, assemble, observe
+from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, assemble, observe
 from exosight.exosuit.shapes import FAMILIES, radius
 from exosight.mechanics import follow, stack
 from exosight.vision.camera import Camera
@@ -38,6 +39,7 @@ _DROPPED = {
 class Results:
     """What a study found, stage by stage."""
 
+    config: StudyConfig
     data: Data
     splits: Mapping[str, Split]
     """Protocol → division."""
@@ -46,20 +48,21 @@ class Results:
     robustness: RobustnessSummary
     steering: OnnxEstimator
     """The network that steers the closed loop."""
-    trials: Sequence[Trial]
-    """Constant targets, then step responses."""
+    trials: ControllerStudy
 
 
-def build_report(results: Results, command: str, config: str, seed: int) -> Report:
+def build_report(results: Results, command: str) -> Report:
     """The whole page.
 
-    command, config, seed   how the study was made, and is made again
+    command   the command line that makes the study again
     """
-    motion = _Motion(Exosuit(CONTROL_SHAPE), results.data.manifest.camera)
-    steady = [loop_run(trial) for trial in results.trials if trial.record.target[-1] > 0]
-    steps = [loop_run(trial) for trial in results.trials if trial.record.target[-1] == 0]
-    middle = next((trial for trial in results.trials[len(steady) :] if trial.gain == 1), results.trials[-1])
-    moments = np.linspace(0, len(middle.record.time) - 1, 6).round().astype(int)
+    seed = results.config.seed
+    motion = _drive(exosuit_of(results.config.data, CONTROL_SHAPE), results.data.manifest.camera)
+    steady = [loop_run(trial) for trial in results.trials.steady_states]
+    steps = [loop_run(trial) for trial in results.trials.step_responses]
+    # The paper's own figure shows the poses of K_P = 1.
+    shown = min(results.trials.step_responses, key=lambda trial: abs(trial.gain - 1)).record
+    moments = np.linspace(0, len(shown.time) - 1, 6).round().astype(int)
     versions = {name: metadata.version(name) for name in ("exosight", "jax", "numpy", "torch", "onnxruntime")}
     return Report(
         title="Contact forces of a soft finger exosuit, read from images",
@@ -70,16 +73,14 @@ def build_report(results: Results, command: str, config: str, seed: int) -> Repo
         sections=(
             chapters.introduction(_overview(motion, results.steering)),
             chapters.headline(results.runs, results.judgements, results.robustness, steady),
-            chapters.motion(motion.summary()),
+            chapters.motion(_path_summary(motion)),
             chapters.data_section(_data_summary(results)),
             chapters.learning(results.runs),
             chapters.accuracy(results.judgements),
             chapters.robustness_section(results.robustness),
-            chapters.closed_loop(
-                steady, steps, middle.record.images[moments], [float(t) for t in middle.record.time[moments]]
-            ),
+            chapters.closed_loop(steady, steps, shown.images[moments], shown.time[moments].tolist()),
             chapters.limits(),
-            chapters.remake(command, config, seed, versions),
+            chapters.remake(command, to_text(results.config), seed, versions),
         ),
         footer=f"exosight {exosight.__version__}, seed {seed}",
     )
@@ -115,40 +116,39 @@ class _Motion:
     """One exosuit driven 0 → 4 → 0 N, for the pictures."""
 
     exosuit: Exosuit
-    camera: Camera
-    u: np.ndarray = field(init=False)
-    pose: Any = field(init=False)
+    u: Float[np.ndarray, " steps"]
+    """Actuation [N]."""
+    pose: Pose
+    images: UInt8[np.ndarray, "steps height width"]
 
-    def __post_init__(self) -> None:
-        u, _ = load_path(50)
-        robot = assemble(self.exosuit)
-        found = follow([robot], u[:, None])
-        pose = jax.tree.map(lambda leaf: np.asarray(leaf)[0], observe(stack([robot]), found.q))
-        object.__setattr__(self, "u", u)
-        object.__setattr__(self, "pose", pose)
 
-    def summary(self) -> PathSummary:
-        return PathSummary(
-            u=self.u,
-            net_force=self.pose.net_force,
-            snaps=figures.find_snaps(self.pose.centreline[:, -1, ::2]),
-            images=picture(self.exosuit, self.pose, self.camera),
-        )
+def _drive(exosuit: Exosuit, camera: Camera) -> _Motion:
+    u, _ = load_path(frames=50)
+    robot = assemble(exosuit)
+    found = follow([robot], u[:, None])
+    pose: Pose = jax.tree.map(lambda leaf: np.asarray(leaf)[0], observe(stack([robot]), found.q))
+    return _Motion(exosuit, u, pose, picture(exosuit, pose, camera))
+
+
+def _path_summary(motion: _Motion) -> PathSummary:
+    pose = motion.pose
+    tips = np.asarray(pose.centreline[:, -1, ::2])
+    return PathSummary(motion.u, np.asarray(pose.net_force), figures.find_snaps(tips), motion.images)
 
 
 def _overview(motion: _Motion, estimator: OnnxEstimator) -> Figure:
     finger = motion.exosuit.finger
     rising = motion.u[: len(motion.u) // 2]
     moment = int(np.argmin(np.abs(rising - SHOWN_LOAD)))
-    pose = jax.tree.map(lambda leaf: leaf[moment : moment + 1], motion.pose)
-    image = picture(motion.exosuit, pose, motion.camera)
+    pose: Pose = jax.tree.map(lambda leaf: leaf[moment], motion.pose)
+    image = motion.images[moment]
     centres = np.array([finger.centre_of_mass(link) for link in range(len(finger.lengths))])
     return figures.overview(
-        pose.centreline[0, :, ::2],
+        np.asarray(pose.centreline[:, ::2]),
         radius(motion.exosuit.shape.surface, QUADRATURE.points),
-        figures.sphere_centres(pose.finger[0, :, ::2], centres),
+        figures.sphere_centres(np.asarray(pose.finger[:, ::2]), centres),
         np.array(finger.sphere_radii()),
-        image[0],
-        pose.forces[0, 1:],
-        estimator.estimate(image)[0].astype(float),
+        image,
+        np.asarray(pose.forces[1:]),
+        estimator.estimate(image[None])[0].astype(float),
     )

@@ -1,27 +1,24 @@
 """Frames from simulation: every shape driven 0 → 4 → 0 N, rendered, filtered and stored.
 
-This module needs JAX; reading a dataset does not.
+This module needs JAX; reading a dataset, or `GenerateConfig`, does not.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int8
-from pydantic import Field
-from pydantic.dataclasses import dataclass
 
-from exosight.arrays import AnyArray
-from exosight.dataset.frames import Frames
-from exosight.dataset.manifest import ChunkEntry, Manifest, new_manifest, write_manifest
+from exosight.dataset.config import GenerateConfig
+from exosight.dataset.frames import Frames, concatenate
+from exosight.dataset.manifest import LARGEST_FRAMES, ChunkEntry, Manifest, new_manifest, write_manifest
 from exosight.dataset.store import write_chunk
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, Pose, assemble, observe
 from exosight.exosuit.scenarios import SampledShape, sample_shapes
-from exosight.exosuit.shapes import FAMILIES
+from exosight.exosuit.shapes import FAMILIES, ExosuitShape
 from exosight.mechanics import follow, stack
 from exosight.vision.camera import Camera
 from exosight.vision.scene import picture
@@ -30,30 +27,10 @@ MAX_STEP = 0.05
 """Largest step between two equilibria of a path [N]."""
 
 SHAPES_PER_CHUNK = 64
-"""Shapes simulated together and stored as one file: what a killed run loses at most."""
+"""Shapes simulated together and stored as one file: bounds the memory that a large dataset takes."""
 
 CAUSES = ("not_converged", "crosses_itself", "tip_below_finger")
 """Why a frame is dropped; a frame counts under the first cause that holds."""
-
-
-@dataclass(frozen=True)
-class GenerateConfig:
-    """What a dataset is made of."""
-
-    per_scenario: Annotated[int, Field(ge=1, le=401)] = 10
-    """Shapes of each of the eleven scenarios; the paper has 125."""
-    frames: Annotated[int, Field(ge=2, le=10_000)] = 50
-    """Frames of each shape, evenly along 0 → 4 → 0 N."""
-    seed: Annotated[int, Field(ge=0)] = 0
-    """Seed of the shapes."""
-    young: Annotated[float, Field(ge=1e3, le=1e9)] = 300e3
-    """Young's modulus of the exosuit [Pa]."""
-    contact_stiffness: Annotated[float, Field(ge=1.0, le=1e6)] = 1000.0
-    """Penalty stiffness of the contact spheres [N/m]."""
-    gap: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
-    """Clearance between exosuit and finger at the base [m]."""
-    camera: Camera = Camera()
-    """Camera of every image."""
 
 
 def generate(
@@ -64,15 +41,12 @@ def generate(
     progress   called with the shapes done and their total
     returns    the manifest, which also counts the frames dropped by cause
 
-    Raises DataError if the folder exists or cannot be written, InputError if there are not so many shapes.
+    Raises DataError if the folder exists or cannot be written, InputError if the dataset would be too large
+    to be read again, or if no frame of it is worth keeping.
     """
     shapes = sample_shapes(config.per_scenario, config.seed)
-    try:
-        folder.mkdir(parents=True)
-    except FileExistsError:
-        raise DataError(f"{folder}: exists already; name a new folder, nothing is overwritten") from None
-    except OSError as error:
-        raise DataError(f"{folder}: cannot be made ({error.strerror})") from error
+    _check_size(config, len(shapes))
+    _make(folder)
     chunks: list[ChunkEntry] = []
     dropped: dict[str, int] = dict.fromkeys(CAUSES, 0)
     done, dofs = 0, 0
@@ -82,6 +56,7 @@ def generate(
         done += finished
         progress(done, len(shapes))
 
+    step(0)
     for start in range(0, len(shapes), SHAPES_PER_CHUNK):
         frames, lost = simulate(config, shapes[start : start + SHAPES_PER_CHUNK], step)
         for cause, count in lost.items():
@@ -89,6 +64,12 @@ def generate(
         dofs = frames.pose.shape[1]
         if len(frames):
             chunks.append(write_chunk(folder, len(chunks), frames))
+    if not chunks:
+        folder.rmdir()
+        reasons = ", ".join(f"{cause.replace('_', ' ')} {count}" for cause, count in dropped.items())
+        raise InputError(
+            f"dataset: no frame is worth keeping ({reasons}); change young, contact_stiffness or gap"
+        )
     manifest = new_manifest(
         config=asdict(config),  # type: ignore[call-overload]  # pydantic's dataclasses are dataclasses
         seed=config.seed,
@@ -106,26 +87,29 @@ def generate(
 def simulate(
     config: GenerateConfig, shapes: list[SampledShape], done: Callable[[int], None] = lambda shapes: None
 ) -> tuple[Frames, dict[str, int]]:
-    """The frames of some shapes, and how many were dropped, by cause."""
-    u, keep = load_path(config.frames)
-    exosuits = [
-        Exosuit(s.shape, young=config.young, contact_stiffness=config.contact_stiffness, gap=config.gap)
-        for s in shapes
-    ]
+    """The frames of some shapes, and how many were dropped, by cause.
+
+    done   called with the number of shapes finished, as they finish
+    """
+    loads, keep = load_path(config.frames)
+    exosuits = [exosuit_of(config, sampled.shape) for sampled in shapes]
     robots = [assemble(exosuit) for exosuit in exosuits]
-    found = follow(robots, u[:, None], done=done)
+    found = follow(robots, loads[:, None], done=done)
     found = jax.tree.map(lambda leaf: leaf[:, keep], found)
     pose: Pose = jax.tree.map(np.asarray, observe(stack(robots), found.q))
-    causes: np.ndarray = np.stack([~found.converged, *_faults(pose)])
-    first = np.argmax(causes, axis=0)
-    lost = {cause: int((causes.any(0) & (first == i)).sum()) for i, cause in enumerate(CAUSES)}
-    kept = np.logical_not(causes.any(axis=0))
-    rows = []
-    for i, (shape, exosuit) in enumerate(zip(shapes, exosuits, strict=True)):
-        q, own = jax.tree.map(lambda leaf, i=i: leaf[i, kept[i]], (found.q, pose))
-        rows.append(_frames(shape, exosuit, config.camera, q, own, _driven(u[keep], kept[i])))
-    joined = {name: np.concatenate([getattr(r, name) for r in rows]) for name in Frames.__dataclass_fields__}
-    return Frames(**joined), lost
+    causes = _causes(np.asarray(found.converged), pose)
+    lost = {cause: int(np.sum(causes == i)) for i, cause in enumerate(CAUSES)}
+    parts = []
+    for i, (sampled, exosuit) in enumerate(zip(shapes, exosuits, strict=True)):
+        kept = causes[i] == len(CAUSES)
+        q, own = jax.tree.map(lambda leaf, i=i, kept=kept: leaf[i, kept], (found.q, pose))
+        parts.append(_frames(sampled, exosuit, config.camera, q, own, _driven(loads[keep], kept)))
+    return concatenate(parts), lost
+
+
+def exosuit_of(config: GenerateConfig, shape: ExosuitShape) -> Exosuit:
+    """The worn exosuit of a shape as a dataset has it."""
+    return Exosuit(shape, young=config.young, contact_stiffness=config.contact_stiffness, gap=config.gap)
 
 
 def load_path(frames: int) -> tuple[Float[np.ndarray, " loads"], slice]:
@@ -153,12 +137,38 @@ def crosses_itself(line: Float[np.ndarray, "frames points 3"]) -> Bool[np.ndarra
     a, b = p[:, :, None], q[:, :, None]
     c, d = p[:, None], q[:, None]
     crossing = (side(a, b, c) * side(a, b, d) < 0) & (side(c, d, a) * side(c, d, b) < 0)
-    return np.any(np.asarray(crossing), axis=(1, 2), keepdims=True)[:, 0, 0]
+    return np.asarray(crossing.any(axis=(1, 2)))
 
 
-def _faults(pose: Pose) -> Iterator[Bool[AnyArray, "shapes frames"]]:
-    yield np.stack([crosses_itself(line) for line in pose.centreline])
-    yield pose.centreline[:, :, -1, 2] < pose.finger[:, :, -1, 2]
+def _causes(converged: Bool[np.ndarray, "shapes frames"], pose: Pose) -> Int8[np.ndarray, "shapes frames"]:
+    """Index of the first of CAUSES that holds; their number where none does."""
+    faults = (
+        ~converged,
+        np.stack([crosses_itself(np.asarray(line)) for line in pose.centreline]),
+        np.asarray(pose.centreline[:, :, -1, 2] < pose.finger[:, :, -1, 2]),
+        np.ones_like(converged),
+    )
+    return np.argmax(np.stack(faults), axis=0).astype(np.int8)
+
+
+def _check_size(config: GenerateConfig, shapes: int) -> None:
+    camera = config.camera
+    needed = shapes * config.frames * camera.height * camera.width
+    if needed > LARGEST_FRAMES:
+        raise InputError(
+            f"dataset: {shapes} shapes with {config.frames} frames of {camera.width}×{camera.height} pixels "
+            f"take {needed / 2**30:.0f} GiB, and at most {LARGEST_FRAMES >> 30} GiB can be read; "
+            "choose fewer shapes or frames, or smaller images"
+        )
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True)
+    except FileExistsError:
+        raise DataError(f"{folder}: exists already; name a new folder, nothing is overwritten") from None
+    except OSError as error:
+        raise DataError(f"{folder}: cannot be made ({error.strerror}); name another folder") from error
 
 
 def _driven(
@@ -170,7 +180,7 @@ def _driven(
 
 
 def _frames(
-    shape: SampledShape,
+    sampled: SampledShape,
     exosuit: Exosuit,
     camera: Camera,
     q: Float[np.ndarray, "frames dofs"],
@@ -183,8 +193,8 @@ def _frames(
         forces=np.asarray(pose.forces[:, 1:], dtype=np.float32),
         u=u,
         pose=np.asarray(q, dtype=np.float64),
-        shape_id=np.full(len(u), shape.shape_id, dtype=np.int32),
-        family=np.full(len(u), list(FAMILIES).index(shape.shape.surface.family), dtype=np.int8),
-        scenario=np.full(len(u), shape.scenario, dtype=np.int8),
+        shape_id=np.full(len(u), sampled.shape_id, dtype=np.int32),
+        family=np.full(len(u), list(FAMILIES).index(sampled.shape.surface.family), dtype=np.int8),
+        scenario=np.full(len(u), sampled.scenario, dtype=np.int8),
         loading=loading,
     )

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import tyro
 
-from exosight.app.console import progress, say, write_json
-from exosight.dataset.generation import GenerateConfig
-from exosight.dataset.generation import generate as run
+from exosight.app.commands.options import Json
+from exosight.app.console import check_json_target, progress, say, write_json
+from exosight.dataset.config import GenerateConfig
 
 DEFAULT = GenerateConfig()
 
@@ -15,20 +15,24 @@ DEFAULT = GenerateConfig()
 def generate(
     out: Path,
     config: Annotated[GenerateConfig, tyro.conf.arg(name="")] = DEFAULT,
-    json: Annotated[str | None, tyro.conf.arg(metavar="FILE|-")] = None,
+    json: Json = None,
 ) -> None:
     """Simulate, render and store exosuits of all eleven scenarios, each driven 0 → 4 → 0 N.
 
-    The paper's dataset is --per-scenario 125 (1375 shapes, 68,750 frames). Its folder also holds the
-    configuration that makes it again; frames left out are counted by cause.
+    The paper's dataset is --per-scenario 125 (1375 shapes, 68,750 frames). The folder also holds the
+    configuration that makes it again (manifest.json); frames left out are counted by cause.
 
-    Example: exosight generate --out results/data --per-scenario 10
+    Example:
+      exosight generate --out results/data --per-scenario 10
 
     Args:
         out: folder to make; it must not exist
         config: what the dataset is made of
         json: write the counts as JSON to a new file, or to stdout with "-"
     """
+    check_json_target(json)
+    # Here, so that --help and wrong options answer at once: JAX takes a second to import.
+    from exosight.dataset.generation import generate as run
 
     with progress("simulating", "shapes") as update:
         manifest = run(config, out, update)
@@ -36,12 +40,5 @@ def generate(
     for cause, count in manifest.dropped.items():
         say(f"  dropped, {cause.replace('_', ' ')}: {count}")
     if json is not None:
-        write_json(
-            {
-                "folder": str(out),
-                "frames": manifest.frames,
-                "shapes": len(manifest.shapes),
-                "dropped": manifest.dropped,
-            },
-            json,
-        )
+        counts = {"frames": manifest.frames, "shapes": len(manifest.shapes), "dropped": manifest.dropped}
+        write_json({"folder": str(out), **counts}, json)

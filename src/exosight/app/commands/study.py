@@ -1,18 +1,18 @@
 """`exosight study`: everything, from simulation to one report."""
 
-import sys
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import tyro
 
 from exosight.app.console import out as stdout
-from exosight.app.study import PRESETS, read_config, run_study
+from exosight.app.study_config import CONFIG, PRESETS, PresetName, StudyConfig, read_config
+from exosight.errors import InputError
 
 
 def study(
     out: Path,
-    preset: Literal["quick", "paper"] = "quick",
+    preset: PresetName | None = None,
     config: Path | None = None,
     resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
@@ -21,14 +21,28 @@ def study(
     The folder gets the dataset, a folder for each network, the closed-loop trials, every table of the report
     as CSV and JSON, the report itself, and study.json, the configuration that makes all of it again.
 
-    Example: exosight study --preset quick --out results/quick
+    Example:
+      exosight study --preset quick --out results/quick
 
     Args:
         out: folder of the study; it must not exist, unless --resume
-        preset: quick: 110 shapes and the light network, some minutes; paper: 1375 shapes and both networks
+        preset: quick (the default): 110 shapes and the light network, some minutes; paper: 1375 shapes and
+            both networks, hours
         config: a study.json, instead of a preset
         resume: go on with the study that the folder holds; done stages are not repeated
     """
-    chosen = PRESETS[preset] if config is None else read_config(config)
-    report = run_study(chosen, out, ["exosight", *sys.argv[1:]], resume=resume)
-    stdout.print(f"The report is {report.resolve()}")
+    # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
+    from exosight.app.study import run_study
+
+    report = run_study(_chosen(out, preset, config, resume), out, resume=resume)
+    stdout.print(f"The report is {report.resolve()}", markup=False, soft_wrap=True)
+
+
+def _chosen(out: Path, preset: PresetName | None, config: Path | None, resume: bool) -> StudyConfig:
+    if preset is not None and config is not None:
+        raise InputError("--preset and --config: expected one of the two, got both; leave one out")
+    if config is not None:
+        return read_config(config)
+    if preset is None and resume and (out / CONFIG).exists():
+        return read_config(out / CONFIG)
+    return PRESETS[preset or "quick"]

@@ -1,14 +1,14 @@
 """`exosight train`: a network from a dataset."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
+from exosight.app.commands.options import Seed
 from exosight.app.console import progress, say
-from exosight.app.pipeline import MODEL, fit, load
-from exosight.dataset import make_split
-from exosight.learning import TrainConfig
+from exosight.errors import DataError
+from exosight.learning.config import TrainConfig
 
 DEFAULT = TrainConfig()
 
@@ -16,10 +16,10 @@ DEFAULT = TrainConfig()
 def train(
     data: Path,
     out: Path,
-    protocol: str = "shape",
+    protocol: Literal["shape", "frame", "family"] = "shape",
     held_out: str | None = None,
-    split_seed: int = 0,
-    resume: bool = False,
+    split_seed: Seed = 0,
+    resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     config: Annotated[TrainConfig, tyro.conf.arg(name="")] = DEFAULT,
 ) -> None:
     """Train a network to read seven contact forces off an image, and export it as ONNX.
@@ -27,17 +27,25 @@ def train(
     A stopped run goes on exactly where it was with --resume. The folder gets the checkpoint, the loss curves
     (history.csv) and the network (model.onnx), each with configuration, seed and identity of the data.
 
-    Example: exosight train --data results/data --out results/light
+    Example:
+      exosight train --data results/data --out results/light
 
     Args:
         data: folder of a dataset, from `exosight generate`
-        out: folder of the run
+        out: folder of the run; it must not exist, unless --resume
         protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's) or family
         held_out: family of shapes kept for testing, with --protocol family
         split_seed: seed of the division
         resume: go on with the run that the folder holds
         config: network, recipe and seed
     """
+    if out.exists() and not resume:
+        raise DataError(f"{out}: exists already; name a new folder, or add --resume to go on with its run")
+    # Here, so that --help and wrong options answer at once.
+    from exosight.app.pipeline import MODEL, check_training, fit, load
+    from exosight.dataset import make_split
+
+    check_training()
     loaded = load(data)
     split = make_split(loaded.frames, protocol, split_seed, held_out)
     parts = (len(split.train), len(split.validation), len(split.test))

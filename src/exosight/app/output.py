@@ -1,0 +1,44 @@
+"""Where results go: places that must not exist yet, checked before the work and complete when they appear."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+from exosight.errors import DataError
+
+
+def check_new_file(path: Path) -> None:
+    """Raise DataError unless a file of this name can be written without overwriting one."""
+    if path.exists():
+        raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
+    if not path.parent.is_dir():
+        raise DataError(f"{path}: {path.parent} is no folder; make it, or name a file in another one")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise DataError(f"{path}: {path.parent} may not be written; name a file in another folder")
+
+
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """A folder of results that appears when it is complete: yields a hidden one beside it, to be filled.
+
+    It is made at once, so that a place that cannot be written costs no work. If filling it fails, nothing is
+    left of it.
+
+    Raises DataError if the folder exists or cannot be made.
+    """
+    if path.exists():
+        raise DataError(f"{path}: exists already; name a new folder, nothing is overwritten")
+    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
+    try:
+        part.mkdir(parents=True)
+    except OSError as error:
+        raise DataError(f"{path}: cannot be made ({error.strerror}); name another folder") from error
+    try:
+        yield part
+        part.rename(path)
+    except BaseException:  # a stop by Ctrl-C too
+        shutil.rmtree(part, ignore_errors=True)
+        raise

@@ -1,0 +1,95 @@
+"""What a user chooses about a study, and the two presets."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from exosight.dataset.config import GenerateConfig
+from exosight.errors import DataError
+from exosight.learning.config import TrainConfig
+
+CONFIG = "study.json"
+"""Name of the configuration in a study's folder."""
+
+_SPLIT_WORDS = {"shape": "by shape", "frame": "by frame"}
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class RunConfig:
+    """One network to train."""
+
+    protocol: Literal["shape", "frame"]
+    """How frames are divided."""
+    training: TrainConfig
+    """Network and recipe."""
+
+    @property
+    def name(self) -> str:
+        """Network and split, as the report calls it."""
+        return f"{self.training.network} network, {_SPLIT_WORDS[self.protocol]}"
+
+    @property
+    def folder(self) -> str:
+        """Its folder in the study's."""
+        return f"{self.training.network}_{self.protocol}"
+
+
+def _all_different(runs: tuple[RunConfig, ...]) -> tuple[RunConfig, ...]:
+    if len({run.name for run in runs}) < len(runs):
+        raise ValueError("expected another network or another protocol for each run")
+    return runs
+
+
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class StudyConfig:
+    """A whole study; the first run steers the closed loop and is drawn in the figures."""
+
+    data: GenerateConfig
+    """What is simulated."""
+    runs: Annotated[tuple[RunConfig, ...], Field(min_length=1), AfterValidator(_all_different)]
+    """What is trained on it."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of the splits and of the noise."""
+
+
+PresetName = Literal["quick", "paper"]
+
+PRESETS: dict[PresetName, StudyConfig] = {
+    "quick": StudyConfig(
+        data=GenerateConfig(per_scenario=10),
+        runs=(
+            RunConfig("shape", TrainConfig(network="light", epochs=40)),
+            RunConfig("frame", TrainConfig(network="light", epochs=40)),
+        ),
+    ),
+    "paper": StudyConfig(
+        data=GenerateConfig(per_scenario=125),
+        runs=tuple(
+            RunConfig(protocol, TrainConfig(network=network))
+            for network in ("light", "paper")
+            for protocol in ("shape", "frame")
+        ),
+    ),
+}
+"""quick: 110 shapes, minutes on a laptop; paper: all 1375 shapes and both networks."""
+
+_ADAPTER = TypeAdapter(StudyConfig)
+
+
+def to_text(config: StudyConfig) -> str:
+    """The configuration as the JSON that `read_config` reads."""
+    return _ADAPTER.dump_json(config, indent=1).decode() + "\n"
+
+
+def read_config(path: Path) -> StudyConfig:
+    """A configuration that a study saved; DataError if it cannot be used."""
+    try:
+        return _ADAPTER.validate_json(path.read_bytes())
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); expected a study's {CONFIG}") from error
+    except ValidationError as error:
+        fault = error.errors()[0]
+        place = ".".join(str(part) for part in fault["loc"]) or "file"
+        raise DataError(f"{path}: not the configuration of a study ({place}: {fault['msg']})") from error
