@@ -259,3 +259,17 @@ NAN = np.array([[0.0], [np.nan]])
 def test_bad_input_is_refused(arguments: dict, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         follow([cantilever(4)], **arguments)
+
+
+def test_what_does_not_fit_the_robot_is_refused() -> None:
+    robot = cantilever(2)
+    with pytest.raises(InputError, match="need 1 channels, got 0"):
+        follow([robot], np.zeros((2, 0)))
+    with pytest.raises(InputError, match="at least one, got none"):
+        follow([], np.zeros((2, 1)))
+    with pytest.raises(InputError, match="NaN or infinity"):
+        follow([robot], np.array([[np.nan]]))
+    with pytest.raises(InputError, match="above 0"):
+        SolverOptions(lanes=0)
+    with pytest.raises(InputError, match="one structure"):
+        follow([robot, Robot(robot.bodies)], np.zeros((1, 1)))

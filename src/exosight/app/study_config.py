@@ -60,8 +60,8 @@ PRESETS: dict[PresetName, StudyConfig] = {
     "quick": StudyConfig(
         data=GenerateConfig(per_scenario=10),
         runs=(
-            RunConfig("shape", TrainConfig(network="light", epochs=40)),
-            RunConfig("frame", TrainConfig(network="light", epochs=40)),
+            RunConfig("shape", TrainConfig(network="light", epochs=80)),
+            RunConfig("frame", TrainConfig(network="light", epochs=20)),
         ),
     ),
     "paper": StudyConfig(

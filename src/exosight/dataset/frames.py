@@ -49,7 +49,7 @@ QUANTITIES: dict[str, Quantity] = {
     "images": Quantity(np.uint8, "gray level 0-255", "image, row by row from the top left"),
     "forces": Quantity(np.float32, "N", "contact force on the finger spheres C1 to C7"),
     "u": Quantity(np.float32, "N", "actuation, positive pushes"),
-    "pose": Quantity(np.float64, "1/m, -, rad", "generalised coordinates: rod strains, then joint angles"),
+    "pose": Quantity(np.float64, "rad, -, rad", "generalised coordinates: rod strains, then joint angles"),
     "shape_id": Quantity(np.int32, "-", "exosuit shape, as numbered in the manifest"),
     "family": Quantity(np.int8, "-", "index into the manifest's families, from 0"),
     "scenario": Quantity(np.int8, "-", "index into the manifest's scenarios, from 0"),

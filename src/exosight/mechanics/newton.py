@@ -79,9 +79,10 @@ def begin(q: Float[AnyArray, " dofs"], count: int, channels: int) -> Path:
 
 
 def metric_of(robot: Robot) -> Float[Array, "dofs dofs"]:
-    """The elastic stiffness; a joint without a spring has none, so a millionth of the mean is added."""
+    """The elastic stiffness; a coordinate without any (a joint without a spring) weighs as the mean."""
     elastic = stiffness(robot)
-    return elastic + 1e-6 * jnp.trace(elastic) / robot.dofs * jnp.eye(robot.dofs)
+    own = jnp.diag(elastic)
+    return elastic + jnp.diag(jnp.where(own > 0, 1e-9 * own, jnp.mean(own)))
 
 
 def stepper(
