@@ -22,7 +22,8 @@ class Response:
     """
 
     settling_steps: float
-    """Steps after which the force stays in the band while the target is held; NaN: it never settles."""
+    """Steps after which the force stays in the band while the target is held; NaN: it never settles, or too
+    late to tell from a swing, within the last quarter."""
     overshoot: float
     """Largest force above the target while it is held [N]; 0 if there is none."""
     overshoot_percent: float
@@ -101,8 +102,10 @@ def judge_response(
 
 
 def _stays_from(inside: Bool[np.ndarray, " steps"]) -> int | None:
-    """The first index from which all are true; None if the last is not, or there is none."""
-    if len(inside) == 0 or not inside[-1]:
-        return None
+    """The first index from which all are true; None unless that is so for the last quarter at least.
+
+    A loop that swings for ever is in the band now and then, also at the very end.
+    """
     outside = np.flatnonzero(~inside)
-    return int(outside[-1]) + 1 if len(outside) else 0
+    first = int(outside[-1]) + 1 if len(outside) else 0
+    return first if first <= len(inside) - math.ceil(len(inside) / 4) and len(inside) else None
