@@ -85,6 +85,7 @@ def show(table: Table) -> None:
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
         pad_edge=False,
+        show_edge=False,
     )
     for i, column in enumerate(table.columns):
         words = (column.group, column.name, f"[{column.unit}]" if column.unit else "")

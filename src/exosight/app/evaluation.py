@@ -95,7 +95,6 @@ def _counted(estimate: Estimate, frames: int) -> Iterator[Estimate]:
     """The estimator with a bar that counts the images of all cases and the clean ones once more."""
     total, done = (len(CORRUPTIONS) + 2) * frames, 0
     with progress("judging", "images") as update:
-        update(0, total)
 
         def counted(images: UInt8[np.ndarray, "frames height width"]) -> Float32[np.ndarray, "frames 7"]:
             nonlocal done

@@ -42,7 +42,7 @@ Step by step
   exosight evaluate --data results/data --model results/light/model.onnx
   exosight control  --model results/light/model.onnx
 
-exosight COMMAND --help explains one command, exosight --version tells the version."""
+exosight COMMAND --help explains a command, exosight --version tells the version"""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

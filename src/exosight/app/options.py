@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from functools import partial, wraps
 from itertools import takewhile
-from typing import Any, TextIO
+from typing import Any
 
 import pydantic
 import tyro
@@ -39,7 +39,9 @@ def read_options(command: Callable[..., None], options: Sequence[str]) -> Callab
     except SystemExit as end:
         if end.code:
             raise InputError(f"{_sentence(complaint.getvalue())}; see {prog} --help") from None
-        print(shown.getvalue().replace(_DESCRIPTION, _description(command), 1), end="")
+        usage, rest = shown.getvalue().split("\n", 1)
+        print(textwrap.fill(usage, _width(), subsequent_indent="  "))
+        print(rest.replace(_DESCRIPTION, _description(command), 1), end="")
         return None
     except pydantic.ValidationError as error:
         fault = error.errors()[0]
@@ -49,16 +51,13 @@ def read_options(command: Callable[..., None], options: Sequence[str]) -> Callab
 
 
 class _Held(io.StringIO):
-    """Text held back, which Tyro draws and colours as if it went to the stream itself."""
+    """Text held back; Tyro draws boxes where it reads "utf-8", and colours them on a terminal."""
 
-    def __init__(self, stream: TextIO) -> None:
+    encoding = "utf-8"
+
+    def __init__(self, stream: Any) -> None:  # any text stream: a test's is not a TextIO by its type
         super().__init__()
         self.isatty = stream.isatty
-        self._encoding = stream.encoding
-
-    @property
-    def encoding(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]  # a property there too
-        return self._encoding
 
 
 def _binding(command: Callable[..., None]) -> Callable[..., Callable[[], None]]:
@@ -73,17 +72,22 @@ def _binding(command: Callable[..., None]) -> Callable[..., Callable[[], None]]:
 
 def _description(command: Callable[..., None]) -> str:
     """The docstring down to its arguments, broken into lines, which Tyro does not do."""
-    width = min(shutil.get_terminal_size().columns, 100)
     paragraphs = (inspect.getdoc(command) or "").partition("\n\nArgs:")[0].split("\n\n")
     # Indented lines are examples, to be copied as they are.
-    filled = [text if "\n  " in text else textwrap.fill(" ".join(text.split()), width) for text in paragraphs]
+    filled = [
+        text if "\n  " in text else textwrap.fill(" ".join(text.split()), _width()) for text in paragraphs
+    ]
     return "\n\n".join(filled)
+
+
+def _width() -> int:
+    return min(shutil.get_terminal_size().columns, 100)
 
 
 def _sentence(box: str) -> str:
     """What a box drawn by Tyro complains about, as one line in plainer words."""
-    lines = [line.strip("│|")[1:].rstrip() for line in box.splitlines()[1:-1]]
-    first = list(takewhile(lambda line: line.strip("─-"), lines))  # up to a blank line or a rule
+    lines = [line.strip("│")[1:].rstrip() for line in box.splitlines()[1:-1]]
+    first = list(takewhile(lambda line: line.strip("─"), lines))  # up to a blank line or a rule
     missing = [line.strip() for line in first if line.startswith("    --")]
     text = " ".join(line.strip() for line in first).rstrip(".")
     if missing:

@@ -97,7 +97,7 @@ def simulate(
     found = follow(robots, loads[:, None], done=done)
     found = jax.tree.map(lambda leaf: leaf[:, keep], found)
     pose: Pose = jax.tree.map(np.asarray, observe(stack(robots), found.q))
-    causes = _causes(np.asarray(found.converged), pose)
+    causes = first_cause(np.asarray(found.converged), pose)
     lost = {cause: int(np.sum(causes == i)) for i, cause in enumerate(CAUSES)}
     parts = []
     for i, (sampled, exosuit) in enumerate(zip(shapes, exosuits, strict=True)):
@@ -120,8 +120,8 @@ def load_path(frames: int) -> tuple[Float[np.ndarray, " loads"], slice]:
     """
     substeps = int(np.ceil(2 * MAX_FORCE / (frames - 1) / MAX_STEP - 1e-9))
     substeps += (frames - 1) * substeps % 2  # the turning point at 4 N is a load too
-    way = np.linspace(0, 2 * MAX_FORCE, (frames - 1) * substeps + 1)
-    return np.minimum(way, 2 * MAX_FORCE - way), slice(None, None, substeps)
+    rising = np.linspace(0, MAX_FORCE, (frames - 1) * substeps // 2 + 1)
+    return np.concatenate([rising, rising[-2::-1]]), slice(None, None, substeps)
 
 
 def crosses_itself(line: Float[np.ndarray, "frames points 3"]) -> Bool[np.ndarray, " frames"]:
@@ -140,8 +140,10 @@ def crosses_itself(line: Float[np.ndarray, "frames points 3"]) -> Bool[np.ndarra
     return np.asarray(crossing.any(axis=(1, 2)))
 
 
-def _causes(converged: Bool[np.ndarray, "shapes frames"], pose: Pose) -> Int8[np.ndarray, "shapes frames"]:
-    """Index of the first of CAUSES that holds; their number where none does."""
+def first_cause(
+    converged: Bool[np.ndarray, "shapes frames"], pose: Pose
+) -> Int8[np.ndarray, "shapes frames"]:
+    """Why each frame is dropped: index of the first of CAUSES that holds, or their number if none does."""
     faults = (
         ~converged,
         np.stack([crosses_itself(np.asarray(line)) for line in pose.centreline]),

@@ -2,14 +2,13 @@
 
 from contextlib import nullcontext
 from dataclasses import asdict
-from pathlib import Path
 
-from exosight.app.commands.options import Json
+from exosight.app.commands.options import Json, MaybePath
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import new_folder
 
 
-def control(model: Path | None = None, out: Path | None = None, json: Json = None) -> None:
+def control(model: MaybePath = None, out: MaybePath = None, json: Json = None) -> None:
     """Run the paper's six closed-loop trials on a simulated exosuit.
 
     Constant targets 0.25, 0.30, 0.35 N with K_P = 5; and 0.2 N for 10 s, then 0 N, with K_P = 0.1, 1 and 100.

@@ -3,7 +3,7 @@
 from contextlib import nullcontext
 from pathlib import Path
 
-from exosight.app.commands.options import Json, Seed
+from exosight.app.commands.options import Json, MaybePath, Seed
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import new_folder
 
@@ -11,7 +11,7 @@ from exosight.app.output import new_folder
 def evaluate(
     model: Path,
     data: Path,
-    out: Path | None = None,
+    out: MaybePath = None,
     seed: Seed = 0,
     json: Json = None,
 ) -> None:

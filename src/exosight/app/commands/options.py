@@ -1,11 +1,15 @@
 """Options that several commands have."""
 
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 from pydantic import Field
 
-Json = Annotated[str | None, tyro.conf.arg(metavar="FILE|-")]
+Json = Annotated[str | None, tyro.conf.arg(metavar="FILE|-", help_behavior_hint="")]
 """Where to write JSON: a new file, or stdout."""
+
+MaybePath = Annotated[Path | None, tyro.conf.arg(help_behavior_hint="")]
+"""A place that may be left out; the help says what happens then."""
 
 Seed = Annotated[int, Field(ge=0)]

@@ -54,8 +54,9 @@ def simulate(
       exosight simulate --family cosine_sum --b -15 -12 -9 -6 -3 0 0
 
     Args:
-        family: surface of the exosuit: linear (r0, r1), sine (r0, a), cosine_sum (b), sine_cosine (r0, c, d,
-            phi-c, phi-d) or legendre (m)
+        family: surface of the exosuit: linear (r0, r1), sine (r0, a),
+            cosine_sum (b), sine_cosine (r0, c, d, phi-c, phi-d) or
+            legendre (m)
         r0: radius at the base, or mean radius [m], 0.004…0.01
         r1: radius at the tip [m], 0.004…0.01
         a: half waves of the sine along the exosuit, −15…0.001

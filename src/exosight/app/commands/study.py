@@ -5,6 +5,7 @@ from typing import Annotated
 
 import tyro
 
+from exosight.app.commands.options import MaybePath
 from exosight.app.console import out as stdout
 from exosight.app.study_config import CONFIG, PRESETS, PresetName, StudyConfig, read_config
 from exosight.errors import InputError
@@ -12,8 +13,8 @@ from exosight.errors import InputError
 
 def study(
     out: Path,
-    preset: PresetName | None = None,
-    config: Path | None = None,
+    preset: Annotated[PresetName | None, tyro.conf.arg(help_behavior_hint="")] = None,
+    config: MaybePath = None,
     resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
     """Simulate, train, judge and close the loop; write one HTML report beside the paper's results.

@@ -17,7 +17,7 @@ def train(
     data: Path,
     out: Path,
     protocol: Literal["shape", "frame", "family"] = "shape",
-    held_out: str | None = None,
+    held_out: Annotated[str | None, tyro.conf.arg(metavar="FAMILY", help_behavior_hint="")] = None,
     split_seed: Seed = 0,
     resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     config: Annotated[TrainConfig, tyro.conf.arg(name="")] = DEFAULT,
@@ -48,10 +48,10 @@ def train(
     check_training()
     loaded = load(data)
     split = make_split(loaded.frames, protocol, split_seed, held_out)
-    parts = (len(split.train), len(split.validation), len(split.test))
-    say("{} frames to learn from, {} to choose the best epoch with, {} to test".format(*parts))
     with progress("training", "steps") as update:
         history = fit(loaded, split, config, out, resume=resume, progress=update)
+    parts = (len(split.train), len(split.validation), len(split.test))
+    say("{} frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
     best = min((r for r in history if r.validation_l1 is not None), key=lambda r: r.validation_l1 or 0.0)
     say(f"best epoch {best.epoch} of {len(history)}: validation error {best.validation_l1:.4f} N")
     say(f"wrote {out / MODEL}")

@@ -1,0 +1,134 @@
+"""One exosuit under given loads: the paper's numbers, and answers that stand on their own."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from exosight.errors import InputError
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.shapes import ExosuitShape, Linear
+from exosight.exosuit.simulation import MAX_LOAD, PATH_STEP, _path, simulate
+
+REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "planar_paths.json").read_text())[0]
+EXOSUIT = Exosuit(ExosuitShape(Linear(r0=0.01, r1=0.005), length=0.095))
+LOADS = (0.0, 1.0, 2.4, 4.0, 2.437, 0.013, -0.05, -1.0, -0.333)
+QUANTITIES = {
+    *("u", "converged", "residual", "min_eigenvalue", "iterations", "forces", "F_net"),
+    *("joint_angles", "rod_tip", "finger_tip"),
+}
+
+
+@pytest.fixture(scope="module")
+def records() -> dict[float, dict]:
+    """The answer for each of LOADS, all asked for at once."""
+    return {record["u"]: record for record in simulate(EXOSUIT, LOADS).records()}
+
+
+def test_net_forces_are_the_published_systems(records: dict[float, dict]) -> None:
+    """Within the 2 % that the choice of contact stiffness leaves open."""
+    for load, force in ((1.0, 0.058), (2.4, 0.22), (4.0, 0.49)):
+        assert records[load]["F_net"] == pytest.approx(force, rel=0.02)
+
+
+def test_poses_match_a_separate_planar_program() -> None:
+    """On the first smooth stretch, where both programs are converged to 1e-10 and follow the same branch."""
+    path = {point["u"]: point for point in REFERENCE["path"]}
+    for record in simulate(EXOSUIT, [0.2, 0.6, 1.0, 2.4]).records():
+        point = path[record["u"]]
+        np.testing.assert_allclose(record["forces"], point["forces"], rtol=1e-5, atol=1e-8)
+        np.testing.assert_allclose(record["F_net"], point["net_force"], rtol=1e-5)
+        np.testing.assert_allclose(record["joint_angles"], point["joint_angles"], rtol=1e-5, atol=1e-8)
+        np.testing.assert_allclose(record["rod_tip"], point["tip"], rtol=1e-5, atol=1e-8)
+
+
+def test_every_answer_is_a_stable_equilibrium(records: dict[float, dict]) -> None:
+    for record in records.values():
+        assert record["converged"]
+        assert record["residual"] < 1e-10
+        assert record["min_eigenvalue"] > 0
+        assert record["iterations"] >= 1
+
+
+def test_net_force_leaves_out_c0(records: dict[float, dict]) -> None:
+    for record in records.values():
+        assert record["F_net"] == pytest.approx(sum(record["forces"][1:]), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    "loads",
+    [(2.437,), (-0.333,), (4.0, 2.4, 1.0, 0.0), (-1.0, 2.437, -0.05), (0.013, 0.013), (5.9, 2.437, 2.4)],
+)
+def test_an_answer_does_not_depend_on_the_other_loads(
+    records: dict[float, dict], loads: tuple[float, ...]
+) -> None:
+    """To the last bit: alone, unsorted, repeated, between grid points, negative, beside larger loads."""
+    answers = simulate(EXOSUIT, loads).records()
+    assert [answer["u"] for answer in answers] == list(loads)
+    for answer in answers:
+        assert answer == records.get(answer["u"], answer)
+
+
+def test_loads_between_steps_lie_between_their_neighbours(records: dict[float, dict]) -> None:
+    """On a smooth stretch the force grows with the load."""
+    low, high = (record["F_net"] for record in simulate(EXOSUIT, [2.4, 2.45]).records())
+    assert low < records[2.437]["F_net"] < high
+
+
+def test_pulling_lifts_the_exosuit_off_the_finger(records: dict[float, dict]) -> None:
+    rest = records[0.0]
+    for load in (-0.05, -0.333, -1.0):
+        record = records[load]
+        assert record["rod_tip"][1] > rest["rod_tip"][1]
+        assert record["rod_tip"][2] > 0
+        assert max(record["forces"]) == 0
+        # Nothing touches the finger, which then rests where its springs do.
+        np.testing.assert_allclose(record["joint_angles"], 0, atol=1e-9)
+
+
+def test_records_are_plain_json(records: dict[float, dict]) -> None:
+    for record in records.values():
+        assert set(record) == QUANTITIES
+        assert json.loads(json.dumps(record, allow_nan=False)) == record
+        lengths = {name: len(record[name]) for name in ("forces", "joint_angles", "rod_tip", "finger_tip")}
+        assert lengths == {"forces": 8, "joint_angles": 3, "rod_tip": 3, "finger_tip": 2}
+
+
+@pytest.mark.parametrize("loads", [[float("nan")], [float("inf")], [1.0, -1.01 * MAX_LOAD]])
+def test_loads_that_no_exosuit_bears_are_refused(loads: list[float]) -> None:
+    with pytest.raises(InputError, match=r"u: expected finite loads within ±50 N, got (nan|inf|-50\.5)"):
+        simulate(EXOSUIT, loads)
+
+
+def test_no_load_at_all_is_refused() -> None:
+    with pytest.raises(InputError, match="at least one load"):
+        simulate(EXOSUIT, [])
+
+
+Loads = st.lists(st.floats(-10, 10) | st.integers(-100, 100).map(lambda k: k * PATH_STEP), max_size=5)
+
+
+@given(load=st.floats(-10, 10) | st.integers(-200, 200).map(lambda k: k * 0.05), others=Loads)
+def test_way_to_a_load_is_its_own(load: float, others: list[float]) -> None:
+    """Which loads are passed, in steps of at most 0.05 N, and where the solver could predict the next.
+
+    It predicts from a load to the one solved right after it, which may thus not depend on the other loads.
+    """
+
+    def way(loads: list[float]) -> list[tuple[float, bool]]:
+        path, parents, where = _path(np.array(loads))
+        assert len(where) == len(loads)
+        points, at = [], where[0]
+        while at >= 0:
+            points.append((float(path[at]), parents[at] == at - 1))
+            at = parents[at]
+        return points[::-1]
+
+    alone = way([load])
+    assert alone[0][0] == 0
+    assert alone[-1][0] == pytest.approx(load, abs=1e-9)  # a typed load may differ from k · 0.05 by round-off
+    assert np.all(np.abs(np.diff([u for u, _ in alone])) <= PATH_STEP + 1e-9)
+    assert way([load, *others]) == alone
