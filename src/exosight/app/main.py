@@ -8,6 +8,7 @@ import errno
 import io
 import os
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
@@ -50,6 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without "…" or "π" shows "?"
+    # A home that cannot be written, or a cache cut short: JAX then compiles anew, which is all that it takes.
+    warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache")
     try:
         _run(sys.argv[1:] if arguments is None else list(arguments))
         sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
