@@ -128,7 +128,7 @@ def follow(
         batch, starts = stack([robots[i] for i in own]), start[own]
         state = _stack([begin(q, room, channels) for q in starts])
         state.load[np.array(numbers) < 0] = count  # lanes without a robot stand still
-        while any(i >= 0 for i in numbers):
+        while any(i >= 0 for i in numbers) and not queue.stopped:
             # While robots wait, come back as soon as a quarter of the lanes is free for them.
             enough = min(lanes, numbers.count(-1) + max(1, lanes // 4)) if queue.waiting else lanes
             limits = (count, options.tolerance, options.max_iterations, enough)
@@ -151,8 +151,12 @@ def follow(
 
     # Compiled calls release Python's lock, so one thread a core keeps every core busy.
     with ThreadPoolExecutor(max_workers=workers) as pool:
-        for future in [pool.submit(work) for _ in range(workers)]:
-            future.result()
+        try:
+            for future in [pool.submit(work) for _ in range(workers)]:
+                future.result()
+        except BaseException:  # Ctrl-C too: the pool waits for its threads, which need not finish
+            queue.stopped = True
+            raise
     return jax.tree.map(lambda *leaves: np.stack(leaves), *results)
 
 
@@ -161,6 +165,7 @@ class _Queue:
 
     def __init__(self, count: int) -> None:
         self._next, self._count, self._lock = 0, count, Lock()
+        self.stopped = False
 
     @property
     def waiting(self) -> bool:
