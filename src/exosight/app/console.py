@@ -24,8 +24,8 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from exosight.app.output import check_new_file
-from exosight.dataset.files import write_new_file
 from exosight.evaluation.tables import Table, cell_text
+from exosight.files import write_new_file
 
 
 class _Console(Console):

@@ -12,7 +12,6 @@ from exosight.app.console import progress, to_json
 from exosight.app.pipeline import Data, test_part
 from exosight.app.report import Picture, Report, Section, write_report, write_tables
 from exosight.control.estimator import OnnxEstimator
-from exosight.dataset.files import write_new_file
 from exosight.evaluation import (
     Scores,
     Table,
@@ -23,6 +22,7 @@ from exosight.evaluation import (
     robustness_table,
 )
 from exosight.evaluation.robustness import CLEAN, Estimate
+from exosight.files import write_new_file
 from exosight.vision.corruptions import CORRUPTIONS
 
 

@@ -17,10 +17,10 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
-from exosight.dataset.files import write_new_file
 from exosight.errors import DataError, InputError
 from exosight.evaluation.figures import to_svg
 from exosight.evaluation.tables import PAPER, Column, Table, cell_text
+from exosight.files import write_new_file
 
 _TEMPLATE = "report.html"
 

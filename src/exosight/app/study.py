@@ -2,7 +2,6 @@
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +16,10 @@ from exosight.app.study_report import Results, build_report
 from exosight.app.trials import run_trials, write_trials
 from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, from_image
 from exosight.dataset import Split, make_split
-from exosight.dataset.files import write_new_file
 from exosight.dataset.generation import exosuit_of, generate
 from exosight.errors import DataError, InputError
 from exosight.evaluation import evaluate_robustness
-from exosight.exosuit.shapes import shape_to_dict
+from exosight.files import write_new_file
 from exosight.learning.config import resolve
 from exosight.learning.history import EpochRecord
 from exosight.learning.recipes import RECIPES
@@ -137,9 +135,8 @@ def _closed_loop(config: StudyConfig, estimator: OnnxEstimator, folder: Path) ->
     exosuit = exosuit_of(config.data, CONTROL_SHAPE)
     trials = run_trials(exosuit, camera, from_image(estimator))
     if not folder.exists():
-        about = {"model": f"{config.runs[0].folder}/{MODEL}", "camera": asdict(camera)}  # type: ignore[call-overload]
         with new_folder(folder) as place:
-            write_trials(trials, {**about, "shape": shape_to_dict(CONTROL_SHAPE)}, place)
+            write_trials(trials, f"{config.runs[0].folder}/{MODEL}", camera, place)
     return trials
 
 

@@ -3,18 +3,20 @@
 import csv
 import io
 import math
-from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from exosight.app.console import progress, to_json
-from exosight.control import ControllerStudy, Measure, Trial, study
+from exosight.control import CONTROL_SHAPE, ControllerStudy, Measure, Trial, study
 from exosight.control.simulated import SimulatedPlant
-from exosight.dataset.files import write_new_file
 from exosight.evaluation import Column, Table, figures
 from exosight.evaluation.tables import Cell
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.shapes import shape_to_dict
+from exosight.files import write_new_file
 from exosight.vision.camera import Camera
 
 TRIALS = 6
@@ -34,8 +36,11 @@ def run_trials(exosuit: Exosuit, camera: Camera, measure: Measure) -> Controller
         return study(SimulatedPlant(exosuit, camera), measure, done)
 
 
-def write_trials(trials: ControllerStudy, config: Mapping[str, Any], folder: Path) -> None:
-    """Write time series (CSV), figures (SVG), and measures with the configuration (results.json)."""
+def write_trials(trials: ControllerStudy, model: str | None, camera: Camera, folder: Path) -> None:
+    """Write time series (CSV), figures (SVG), and measures with what they were made with (results.json).
+
+    model    the estimator's file; None: the loop was closed on the true force
+    """
     for trial in _all(trials):
         write_new_file(folder / f"{_name_of(trial)}.csv", _time_series(trial).encode())
     drawings = {
@@ -44,6 +49,11 @@ def write_trials(trials: ControllerStudy, config: Mapping[str, Any], folder: Pat
     }
     for name, figure in drawings.items():
         write_new_file(folder / f"{name}.svg", figures.to_svg(figure))
+    config = {
+        "model": model,
+        "camera": TypeAdapter(Camera).dump_python(camera, mode="json"),
+        "shape": shape_to_dict(CONTROL_SHAPE),
+    }
     content = to_json({"config": config, "trials": summaries(trials)})
     write_new_file(folder / "results.json", content.encode())
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float32, UInt8
@@ -14,6 +14,7 @@ from exosight.learning.model_file import ModelCard, open_model
 _BATCH = 64
 
 
+@runtime_checkable
 class Estimator(Protocol):
     """Contact forces from images; all that control knows of an estimator."""
 

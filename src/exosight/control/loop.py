@@ -2,11 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from exosight.control.estimator import Estimator
 from exosight.control.laws import Law
 from exosight.control.plant import Observation, Plant
 from exosight.errors import InputError
@@ -18,9 +18,8 @@ Measure = Callable[[Observation], float]
 """What the law is told about an observation: F_net [N], from the image or, for comparison, the true one."""
 
 
-def from_image(estimator: Any) -> Measure:
-    """F_net as an `exosight.control.Estimator` reads it from the image alone: the sum of its C1…C7."""
-    # Any: types are checked while the tests run, and a protocol that is not runtime_checkable cannot be.
+def from_image(estimator: Estimator) -> Measure:
+    """F_net as an estimator reads it from the image alone: the sum of its C1…C7."""
     return lambda observation: float(estimator.estimate(observation.image[None])[0].sum())
 
 

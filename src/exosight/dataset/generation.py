@@ -4,12 +4,12 @@ This module needs JAX; reading a dataset, or `GenerateConfig`, does not.
 """
 
 from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int8
+from pydantic import TypeAdapter
 
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Frames, concatenate
@@ -71,7 +71,7 @@ def generate(
             f"dataset: no frame is worth keeping ({reasons}); change young, contact_stiffness or gap"
         )
     manifest = new_manifest(
-        config=asdict(config),  # type: ignore[call-overload]  # pydantic's dataclasses are dataclasses
+        config=TypeAdapter(GenerateConfig).dump_python(config, mode="json"),
         seed=config.seed,
         camera=config.camera,
         load_limit=MAX_FORCE,

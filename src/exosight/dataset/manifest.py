@@ -13,11 +13,11 @@ from pydantic import ConfigDict, Field, JsonValue, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from exosight import __version__
-from exosight.dataset.files import write_new_file
 from exosight.dataset.frames import QUANTITIES
 from exosight.errors import DataError, InputError
 from exosight.exosuit.scenarios import SCENARIOS, SampledShape, sampled_from_dict, sampled_to_dict
 from exosight.exosuit.shapes import FAMILIES
+from exosight.files import write_new_file
 from exosight.vision.camera import Camera
 
 FORMAT = 1

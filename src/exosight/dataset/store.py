@@ -7,7 +7,6 @@ import h5py
 import numpy as np
 
 from exosight import __version__
-from exosight.dataset.files import write_new_file
 from exosight.dataset.frames import QUANTITIES, Frames, find_fault
 from exosight.dataset.manifest import (
     FORMAT,
@@ -20,6 +19,7 @@ from exosight.dataset.manifest import (
 from exosight.errors import DataError, InputError
 from exosight.exosuit.scenarios import SampledShape
 from exosight.exosuit.shapes import FAMILIES
+from exosight.files import write_new_file
 
 
 def write_chunk(folder: Path, index: int, frames: Frames) -> ChunkEntry:

@@ -19,8 +19,8 @@ from torch import Tensor, nn
 
 import exosight
 from exosight.errors import DataError, InputError
+from exosight.files import replace_file
 from exosight.learning.config import Settings
-from exosight.learning.files import write_atomically
 from exosight.learning.history import EpochRecord
 from exosight.learning.networks import ForceModel, ImageSize, build_network
 from exosight.learning.samples import CONTACTS
@@ -106,7 +106,7 @@ def save_checkpoint(
     header = json.dumps(asdict(_Header(_FORMAT, run, position, history, versions)), allow_nan=False)
     plain = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     data = safetensors.torch.save(plain, {"exosight": header, "sha256": _digest(header, plain)})
-    write_atomically(folder / CHECKPOINT_NAME, data)
+    replace_file(folder / CHECKPOINT_NAME, data)
 
 
 def load_checkpoint(source: Path) -> Checkpoint:

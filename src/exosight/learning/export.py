@@ -14,8 +14,8 @@ import torch
 
 import exosight
 from exosight.errors import DataError, InputError
+from exosight.files import replace_file
 from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
-from exosight.learning.files import write_atomically
 from exosight.learning.model_file import ModelCard, card_to_metadata, open_session, seal
 from exosight.learning.networks import ForceModel
 from exosight.learning.samples import CONTACTS
@@ -48,7 +48,7 @@ def export_onnx(source: Path, path: Path) -> ModelCard:
     proto = _convert(model, card)
     _verify(proto, model, card)
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, seal(proto.SerializeToString()))
+    replace_file(path, seal(proto.SerializeToString()))
     return card
 
 

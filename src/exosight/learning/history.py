@@ -8,7 +8,7 @@ from pathlib import Path
 import pydantic
 
 from exosight.errors import DataError
-from exosight.learning.files import write_atomically
+from exosight.files import replace_file
 
 HISTORY_NAME = "history.csv"
 
@@ -42,7 +42,7 @@ def write_history(folder: Path, history: Iterable[EpochRecord]) -> None:
     rows = [",".join(_COLUMNS)]
     for record in history:
         rows.append(",".join("" if value is None else repr(value) for value in asdict(record).values()))
-    write_atomically(folder / HISTORY_NAME, ("\n".join(rows) + "\n").encode())
+    replace_file(folder / HISTORY_NAME, ("\n".join(rows) + "\n").encode())
 
 
 def read_history(folder: Path) -> tuple[EpochRecord, ...]:

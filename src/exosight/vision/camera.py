@@ -10,7 +10,7 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
-from pydantic import Field
+from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from exosight.errors import InputError
@@ -19,7 +19,7 @@ Metres = Annotated[float, Field(ge=-1000, le=1000)]
 LARGEST_SIDE = 8192  # pixels
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Camera:
     """Orthographic camera that looks along +y onto the x–z plane."""
 

@@ -1,7 +1,6 @@
 """`exosight control`: the closed loop, with a network or the true force as its sensor."""
 
 from contextlib import nullcontext
-from dataclasses import asdict
 
 from exosight.app.commands.options import Json, MaybePath
 from exosight.app.console import check_json_target, say, show, write_json
@@ -28,7 +27,6 @@ def control(model: MaybePath = None, out: MaybePath = None, json: Json = None) -
     from exosight.app.trials import run_trials, summaries, trials_table, write_trials
     from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, true_force
     from exosight.exosuit.assembly import Exosuit
-    from exosight.exosuit.shapes import shape_to_dict
     from exosight.vision.camera import Camera
 
     with new_folder(out) if out is not None else nullcontext() as folder:
@@ -38,8 +36,7 @@ def control(model: MaybePath = None, out: MaybePath = None, json: Json = None) -
             camera, measure = camera_of(estimator.card), from_image(estimator)
         trials = run_trials(Exosuit(CONTROL_SHAPE), camera, measure)
         if folder is not None:
-            config = {"model": model and str(model), "camera": asdict(camera)}  # type: ignore[call-overload]
-            write_trials(trials, {**config, "shape": shape_to_dict(CONTROL_SHAPE)}, folder)
+            write_trials(trials, model and str(model), camera, folder)
     if out is not None:
         say(f"wrote {out}")
     if json is None:

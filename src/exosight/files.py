@@ -1,4 +1,4 @@
-"""Writing a file so that it is there whole or not at all."""
+"""Writing a file so that it is there whole or not at all, whatever happens meanwhile."""
 
 import os
 from pathlib import Path
@@ -10,13 +10,21 @@ from exosight.errors import DataError
 def write_new_file(path: Path, content: bytes) -> None:
     """Write a file that does not exist yet, on disk when this returns.
 
-    The content goes to a temporary name in the same folder, is flushed to disk and renamed; a full disk or a
-    killed process leaves at most a hidden `.part` file, which nothing reads.
-
     Raises DataError if the file exists or cannot be written.
     """
     if path.exists():
         raise DataError(f"{path} exists and is not overwritten; choose another folder")
+    replace_file(path, content)
+
+
+def replace_file(path: Path, content: bytes) -> None:
+    """Write a file, in the place of an older one if there is one, on disk when this returns.
+
+    The content goes to a temporary name in the same folder, is flushed to disk and renamed; a full disk or a
+    killed process leaves at most a hidden `.part` file, which nothing reads, beside what was there before.
+
+    Raises DataError if the file cannot be written.
+    """
     part = path.with_name(f".{path.name}.{uuid4().hex}.part")
     try:
         with part.open("xb") as file:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from exosight.dataset.files import write_new_file
 from exosight.errors import DataError
+from exosight.files import write_new_file
 
 
 def test_the_content_is_there_and_nothing_else(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_a_killed_process_leaves_no_visible_file(tmp_path: Path) -> None:
     program = """if True:
         import os, signal, sys
         from pathlib import Path
-        from exosight.dataset.files import write_new_file
+        from exosight.files import write_new_file
         folder = Path(sys.argv[1])
         write_new_file(folder / "first", b"kept")
         os.fsync = lambda descriptor: os.kill(os.getpid(), signal.SIGKILL)
