@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from exosight.mechanics import DeadForce, Gauss, NodalQuadratic, Robot, Rod, follow, walk
+from exosight.mechanics import Circular, DeadForce, Gauss, NodalQuadratic, Robot, Rod, follow, walk
 
 LENGTH, RADIUS, YOUNG = 0.3, 0.01, 1e6
 BLUE, ORANGE, GRAY = "#0072B2", "#E69F00", "#999999"
@@ -32,7 +32,7 @@ def cantilever(elements: int) -> Robot:
     rod = Rod(
         "rod",
         LENGTH,
-        jnp.full(points.size, RADIUS),
+        Circular(jnp.full(points.size, RADIUS)),
         young=YOUNG,
         strains={"bend_y": NodalQuadratic(elements)},
         quadrature=points,

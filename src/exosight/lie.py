@@ -101,8 +101,41 @@ def adjoint(g: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
     return _blocks(rotation, jnp.zeros_like(rotation), hat(g[..., :3, 3]) @ rotation, rotation)
 
 
+def adjoint_on(
+    g: Float[Array, "*batch 4 4"], columns: Float[Array, "*batch 6 k"]
+) -> Float[Array, "*batch 6 k"]:
+    """Ad(g) times columns, without the 6×6 matrix: (R ω, R v + p × R ω)."""
+    rotation = g[..., :3, :3]
+    turned = rotation @ columns[..., :3, :]
+    moved = rotation @ columns[..., 3:, :] + hat(g[..., :3, 3]) @ turned
+    return jnp.concatenate([turned, moved], axis=-2)
+
+
+def coadjoint_on(g: Float[Array, "*batch 4 4"], wrench: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6"]:
+    """Ad(g)ᵀ times a wrench: the same wrench, seen from the frame g."""
+    rotation, position, force = g[..., :3, :3], g[..., :3, 3], wrench[..., 3:]
+    moment = wrench[..., :3] - jnp.cross(position, force)
+    both = jnp.stack([moment, force], axis=-2) @ rotation  # rows times R: Rᵀ times each
+    return both.reshape(wrench.shape)
+
+
 def tangent(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     """T(Ω) with d exp(Ω) · exp(Ω)⁻¹ = T(Ω) dΩ: the left Jacobian of SE(3)."""
+    rotation, coupling = _tangent_blocks(twist)
+    return _blocks(rotation, jnp.zeros_like(rotation), coupling, rotation)
+
+
+def tangent_on(
+    twist: Float[Array, "*batch 6"], columns: Float[Array, "*batch 6 k"]
+) -> Float[Array, "*batch 6 k"]:
+    """T(Ω) times columns, without the 6×6 matrix."""
+    rotation, coupling = _tangent_blocks(twist)
+    angular, linear = columns[..., :3, :], columns[..., 3:, :]
+    return jnp.concatenate([rotation @ angular, coupling @ angular + rotation @ linear], axis=-2)
+
+
+def _tangent_blocks(twist: Float[Array, "*batch 6"]) -> tuple[Array, Array]:
+    """The diagonal block of T and the one below it."""
     omega, v = twist[..., :3], twist[..., 3:]
     _, b, c, d, e = (k[..., None, None] for k in _coefficients(omega))
     w, u = hat(omega), hat(v)
@@ -110,7 +143,7 @@ def tangent(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     wuw = wu @ w
     rotation = jnp.eye(3) + b * w + c * ww
     coupling = 0.5 * u + c * (wu + uw + wuw) + d * (w @ wu + uw @ w - 3 * wuw) + e * (wuw @ w + w @ wuw)
-    return _blocks(rotation, jnp.zeros_like(rotation), coupling, rotation)
+    return rotation, coupling
 
 
 def _blocks(a: Array, b: Array, c: Array, d: Array) -> Array:

@@ -32,7 +32,7 @@ def test_links_are_the_published_ones() -> None:
     degrees = [(np.rad2deg(float(h.lower[0])), np.rad2deg(float(h.upper[0]))) for h in hinges]
     np.testing.assert_allclose(degrees, [(-10, 90), (-5, 90), (-5, 90)], rtol=1e-14)
     for hinge in hinges:
-        np.testing.assert_array_equal(np.asarray(hinge.axes)[:, 0], [0, 1, 0, 0, 0, 0])
+        np.testing.assert_array_equal(hinge.groups[0][:, 0], [0, 1, 0, 0, 0, 0])
 
 
 @pytest.mark.parametrize("link", range(4))

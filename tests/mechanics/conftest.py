@@ -16,6 +16,7 @@ import pytest
 
 from exosight import lie
 from exosight.mechanics import (
+    Circular,
     DeadForce,
     Gauss,
     Gravity,
@@ -69,19 +70,19 @@ def tree() -> Robot:
     rod = Rod(
         "rod",
         0.1,
-        surface,
+        Circular(surface),
         young=3e5,
         poisson=0.4,
         density=1070.0,
         strains=bases,
         quadrature=points,
         mount=lie.translation(jnp.array([0.0, 0.0, 0.0158])),
-        joint=Revolute((0.0, 0.0, 1.0), 0.1),
+        joint=Revolute((0.0, 0.0, 1.0), stiffness=0.1),
     )
     branch = Rod(
         "branch",
         0.05,
-        jnp.full(points.size, 0.004),
+        Circular(jnp.full(points.size, 0.004)),
         young=3e5,
         density=500.0,
         strains={"bend_y": Legendre(2), "shear_z": Legendre(1)},
@@ -93,7 +94,7 @@ def tree() -> Robot:
         "upper",
         0.045,
         jnp.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]]),
-        joint=Revolute((0.0, 1.0, 0.0), 0.04, limits, 5.0),
+        joint=Revolute((0.0, 1.0, 0.0), stiffness=0.04, limits=limits, limit_stiffness=5.0),
         mass=jnp.array([0.01, 0.02]),
     )
     lower = Link(
@@ -101,7 +102,7 @@ def tree() -> Robot:
         0.025,
         jnp.array([[0.0, 0.0, 0.0], [0.012, 0.0, 0.0]]),
         parent="upper",
-        joint=Revolute((0.0, 0.6, 0.8), 0.03, limits, 5.0),
+        joint=Revolute((0.0, 0.6, 0.8), stiffness=0.03, limits=limits, limit_stiffness=5.0),
     )
     line = PressureLine(
         "rod",
@@ -142,7 +143,7 @@ def chain() -> Robot:
                 jnp.array([[0.0, 0.0, 0.0], [0.4 * length, 0.001, -0.002]]),
                 parent=f"link_{i - 1}" if i else None,
                 mount=lie.exp(jnp.array([0.1, -0.2, 0.3, 0.01, 0.0, 0.02]) * (i + 1)),
-                joint=Revolute(axis, spring, (-0.1, 1.5), 5.0),
+                joint=Revolute(axis, stiffness=spring, limits=(-0.1, 1.5), limit_stiffness=5.0),
                 mass=jnp.array([0.0, 0.01 * (i + 1)]),
             )
         )

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from exosight.mechanics import Gauss, NodalQuadratic, PressureLine, Robot, Rod
+from exosight.mechanics import Circular, Gauss, NodalQuadratic, PressureLine, Robot, Rod
 
 LENGTH, RADIUS, YOUNG = 0.1, 0.005, 3e5
 AREA, MOMENT = np.pi * RADIUS**2, np.pi * RADIUS**4 / 4
@@ -20,7 +20,9 @@ POINTS = Gauss(2, 3)
 def actuated(offset: tuple[float, float], slope: tuple[float, float] = (0.0, 0.0)) -> Robot:
     """A rod that bends both ways and stretches, with a line at (y, z) = offset [m] at the base."""
     bases = {name: NodalQuadratic(2) for name in ("bend_y", "bend_z", "stretch_x")}
-    rod = Rod("rod", LENGTH, jnp.full(POINTS.size, RADIUS), young=YOUNG, strains=bases, quadrature=POINTS)
+    rod = Rod(
+        "rod", LENGTH, Circular(jnp.full(POINTS.size, RADIUS)), young=YOUNG, strains=bases, quadrature=POINTS
+    )
     d_prime = np.tile([0.0, *slope], (POINTS.size, 1))
     d = np.array([0.0, *offset]) + d_prime * LENGTH * POINTS.points[:, None]
     return Robot((rod,), (PressureLine("rod", 0, jnp.asarray(d), jnp.asarray(d_prime)),))

@@ -167,7 +167,7 @@ def test_gravity_force_is_gradient_of_potential(chain: Robot, evaluate: Callable
     pull = mass[:, None] * np.array([0.5, 0.0, -9.81])
     for i, body in enumerate(chain.bodies):
         start = chain.frame_slice(body.name).start
-        axis, origin = pose[start, :3, :3] @ np.asarray(body.joint.axes)[:3, 0], pose[start, :3, 3]
+        axis, origin = pose[start, :3, :3] @ body.joint.groups[0][:3, 0], pose[start, :3, 3]
         torque = axis @ np.cross(position[start:] - origin, pull[start:]).sum(axis=0)
         assert float(here.gradient[i]) == pytest.approx(CHAIN_SPRINGS[i] * q[i] - torque, rel=1e-12)
 

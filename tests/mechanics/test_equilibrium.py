@@ -15,7 +15,17 @@ from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
 from exosight.errors import InputError
-from exosight.mechanics import DeadForce, Equilibria, Gauss, NodalQuadratic, Robot, Rod, SolverOptions, follow
+from exosight.mechanics import (
+    Circular,
+    DeadForce,
+    Equilibria,
+    Gauss,
+    NodalQuadratic,
+    Robot,
+    Rod,
+    SolverOptions,
+    follow,
+)
 
 LENGTH, RADIUS, YOUNG = 0.3, 0.01, 1e6
 UNIT = YOUNG * np.pi * RADIUS**4 / 4 / LENGTH**2
@@ -31,7 +41,7 @@ def cantilever(elements: int, direction: tuple[float, float, float] = ACROSS) ->
     rod = Rod(
         "rod",
         LENGTH,
-        jnp.full(points.size, RADIUS),
+        Circular(jnp.full(points.size, RADIUS)),
         young=YOUNG,
         strains={"bend_y": NodalQuadratic(elements)},
         quadrature=points,

@@ -5,15 +5,24 @@ import numpy as np
 import pytest
 
 from exosight.errors import InputError
-from exosight.mechanics import Gauss, Legendre, Link, NodalQuadratic, PressureLine, Revolute, Robot, Rod
+from exosight.mechanics import (
+    Circular,
+    Gauss,
+    Legendre,
+    Link,
+    NodalQuadratic,
+    PressureLine,
+    Revolute,
+    Robot,
+    Rod,
+)
 from exosight.mechanics.contact import Spheres
-from exosight.mechanics.section import circular_mass, circular_stiffness
 
 POINTS = Gauss(5, 3)
 
 
 def make_rod(**changes: object) -> Rod:
-    given = {"length": 0.1, "radius": jnp.full(POINTS.size, 0.005), "young": 3e5}
+    given = {"length": 0.1, "section": Circular(jnp.full(POINTS.size, 0.005)), "young": 3e5}
     fixed = {"strains": {"bend_y": NodalQuadratic(5), "stretch_x": Legendre(0)}, "quadrature": POINTS}
     return Rod("rod", **(given | fixed | changes))
 
@@ -23,16 +32,18 @@ def test_section_of_a_round_bar() -> None:
     r, young, poisson = 0.01, 1e6, 0.25
     area, moment, shear = np.pi * r**2, np.pi * r**4 / 4, young / 2.5
     expected = [2 * shear * moment, *[young * moment] * 2, young * area, *[shear * area] * 2]
-    found = circular_stiffness(jnp.array([r]), jnp.array(young), jnp.array(poisson))
-    np.testing.assert_allclose(found[0], expected, rtol=1e-14)
-    np.testing.assert_allclose(circular_mass(jnp.array([r]), jnp.array(1070.0)), 1070 * area, rtol=1e-14)
+    section = Circular(np.array([r]))
+    np.testing.assert_allclose(
+        section.stiffness(jnp.array(young), jnp.array(poisson))[0], expected, rtol=1e-14
+    )
+    np.testing.assert_allclose(section.rotary()[0], [2 * moment, moment, moment], rtol=1e-14)
 
 
 def test_energy_of_uniform_bending_and_stretching_of_a_taper() -> None:
     """½ κ² ∫EI ds + ½ ε² ∫EA ds: of degree 4 and 2 for a linear radius, so Gauss integrates them."""
     base, tip, length, young = 0.006, 0.004, 0.1, 3e5
-    radius = jnp.asarray(base + (tip - base) * POINTS.points)
-    rod = make_rod(radius=radius, length=length, young=young)
+    section = Circular(base + (tip - base) * POINTS.points)
+    rod = make_rod(section=section, length=length, young=young)
     angle, stretch = 0.7, 0.05
     q = np.concatenate([np.full(11, angle), [stretch]])  # κ = angle / length
     fourth = (tip**5 - base**5) / (5 * (tip - base)) * length
@@ -43,7 +54,7 @@ def test_energy_of_uniform_bending_and_stretching_of_a_taper() -> None:
 
 def test_mass_of_a_taper_is_that_of_the_frustum() -> None:
     base, tip = 0.006, 0.004
-    rod = make_rod(radius=jnp.asarray(base + (tip - base) * POINTS.points), density=1070.0)
+    rod = make_rod(section=Circular(base + (tip - base) * POINTS.points), density=1070.0)
     frustum = np.pi * 0.1 / 3 * (base**2 + base * tip + tip**2)
     assert float(rod.mass().sum()) == pytest.approx(1070 * frustum, rel=1e-13)
 
@@ -66,8 +77,8 @@ def test_strains_keep_one_order_however_they_are_named() -> None:
         ({"density": -1.0}, "density: expected finite, at least 0"),
         ({"strains": {"bend": NodalQuadratic(5)}}, "strains: expected some of torsion_x, bend_y"),
         ({"strains": {}}, "strains: expected some of"),
-        ({"radius": jnp.zeros(POINTS.size)}, "radius: expected finite numbers above 0 m"),
-        ({"radius": jnp.full(POINTS.size, jnp.nan)}, "radius: expected finite numbers above 0 m"),
+        ({"section": Circular(np.ones(2))}, "section: expected sizes at 17 points, got 2"),
+        ({"natural": lambda x: np.zeros((len(x), 3))}, "natural: expected a function"),
     ],
 )
 def test_impossible_rods_are_refused(changes: dict, sentence: str) -> None:

@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 from exosight import lie
 from exosight.mechanics import (
+    Circular,
     DeadForce,
     Gauss,
     Legendre,
@@ -41,7 +42,7 @@ def planar_rod(of: dict, points: Gauss, basis: Any, radius: jnp.ndarray, height:
     return Rod(
         "rod",
         of["length"],
-        radius,
+        Circular(radius),
         young=float(of["young"]),
         strains={"bend_y": basis, "stretch_x": basis},
         quadrature=points,

@@ -14,7 +14,7 @@ from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape, radius, radius_slope
-from exosight.mechanics import Gauss, NodalQuadratic, PressureLine, Robot, Rod, SphereContact, walk
+from exosight.mechanics import Circular, Gauss, NodalQuadratic, PressureLine, Robot, Rod, SphereContact, walk
 from exosight.mechanics.contact import Spheres
 
 QUADRATURE = Gauss(elements=5, per_element=8)
@@ -69,7 +69,7 @@ def assemble(exosuit: Exosuit) -> Robot:
     rod = Rod(
         ROD,
         shape.length,
-        surface,
+        Circular(surface),
         young=exosuit.young,
         poisson=0.5,
         density=1070.0,
@@ -132,12 +132,12 @@ def _observe(robot: Robot, q: Float[Array, " dofs"]) -> Pose:
     bases = jnp.stack([motion.position[robot.frame_slice(link.name)][0] for link in links])
     rod = robot[ROD]
     assert isinstance(rod, Rod)
-    (steps,) = motion.steps[robot.index(ROD)]
+    (steps,) = motion[ROD].steps
     return Pose(
         forces=forces,
         net_force=forces[1:].sum(),
         joint_angles=joints,
         centreline=motion.position[robot.frame_slice(ROD)],
-        finger=jnp.concatenate([bases, motion.end[-1, :3, 3][None]]),
-        tip_angle=-steps.twist[:, 1].sum(),
+        finger=jnp.concatenate([bases, motion[links[-1].name].end[:3, 3][None]]),
+        tip_angle=-steps.curvature.twist[:, 1].sum(),
     )

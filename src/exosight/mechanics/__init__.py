@@ -11,31 +11,56 @@ equilibrium                  stable minima of the energy, followed along a load 
 from exosight.mechanics.actuation import PressureLine
 from exosight.mechanics.basis import Legendre, NodalQuadratic
 from exosight.mechanics.contact import SphereContact
-from exosight.mechanics.energy import DeadForce, Gravity, potential
+from exosight.mechanics.energy import potential
 from exosight.mechanics.equilibrium import Equilibria, SolverOptions, follow, stack
-from exosight.mechanics.joint import Fixed, Revolute
+from exosight.mechanics.joint import (
+    Cylindrical,
+    Fixed,
+    Free,
+    Helical,
+    Planar,
+    Prismatic,
+    Revolute,
+    Spherical,
+    Universal,
+)
 from exosight.mechanics.kinematics import Motion, walk
 from exosight.mechanics.link import Link
+from exosight.mechanics.loads import DeadForce, Gravity
 from exosight.mechanics.quadrature import Gauss
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
+from exosight.mechanics.section import Circular, Elliptic, Rectangular
+from exosight.mechanics.term import Configuration, Term
 
 __all__ = [
+    "Circular",
+    "Configuration",
+    "Cylindrical",
     "DeadForce",
+    "Elliptic",
     "Equilibria",
     "Fixed",
+    "Free",
     "Gauss",
     "Gravity",
+    "Helical",
     "Legendre",
     "Link",
     "Motion",
     "NodalQuadratic",
+    "Planar",
     "PressureLine",
+    "Prismatic",
+    "Rectangular",
     "Revolute",
     "Robot",
     "Rod",
     "SolverOptions",
     "SphereContact",
+    "Spherical",
+    "Term",
+    "Universal",
     "follow",
     "potential",
     "stack",

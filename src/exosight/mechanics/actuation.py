@@ -5,10 +5,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from exosight.errors import InputError
-from exosight.mechanics.energy import Bound, Expansion, Term, zero
-from exosight.mechanics.kinematics import Motion
-from exosight.mechanics.robot import Robot
+from exosight.mechanics.kinematics import Motion, spread
 from exosight.mechanics.rod import Rod
+from exosight.mechanics.term import Bound, Expansion, Term, one_channel, strain_columns, zero
+from exosight.mechanics.tree import Tree
 
 
 class PressureLine(Term):
@@ -33,18 +33,20 @@ class PressureLine(Term):
         """Its channel and those before it."""
         return self.channel + 1
 
-    def bind(self, robot: Robot) -> Bound:
+    def bind(self, tree: Tree) -> Bound:
         """∂y/∂q is constant and bound once."""
-        rod = robot[self.rod]
+        rod = tree[self.rod]
         if not isinstance(rod, Rod):
             raise InputError(f"PressureLine: {self.rod!r} is a link; a line runs along a rod")
-        columns = robot.dof_slice(self.rod)
-        start = columns.start + rod.joint.dofs
+        own = tree.dof_slice(self.rod)
+        inside = tuple(range(own.start + rod.joint.dofs, own.stop))
         weights = rod.weights()
-        phi = jnp.asarray(rod.functions(rod.quadrature.points)) * rod.scale[:, None]
-        angular = _rows(phi, rod.rows, (0, 1, 2))
-        linear = _rows(phi, rod.rows, (3, 4, 5))
-        dy = linear + jnp.cross(angular, self.offset[:, :, None], axis=1)  # (points, 3, size)
+        columns = strain_columns(tree, self.rod)[:, :, inside[0] : own.stop]
+        dy = columns[:, 3:] + jnp.cross(columns[:, :3], self.offset[:, :, None], axis=1)  # (points, 3, size)
+
+        size = dy.shape[-1]
+        flat = dy.reshape(-1, size)  # (3 points, size)
+        across = jnp.asarray(flat.T)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
             xi = motion.strain[self.rod]
@@ -52,24 +54,18 @@ class PressureLine(Term):
             stretch = jnp.sqrt(jnp.sum(y**2, axis=-1) + 1e-30)
             t = y / stretch[:, None]
             u = loads[self.channel]
-            none = zero(robot, loads)
-            inside = slice(start, start + dy.shape[-1])
-            lengthening = jnp.einsum("pkq,pk,p->q", dy, t, weights)
-            across = dy - t[:, :, None] * jnp.einsum("pk,pkq->pq", t, dy)[:, None]
-            bending = jnp.einsum("pka,p,pkb->ab", dy, weights / stretch, across)
+            lengthening = (weights[:, None] * t).reshape(-1) @ flat
+            # ∂²|y|/∂y² = (I − t tᵀ) / |y|
+            section = (weights / stretch)[:, None, None] * (jnp.eye(3) - t[:, :, None] * t[:, None, :])
+            bending = across @ (section @ dy).reshape(-1, size)
             length = jnp.sum(weights * stretch)
-            return none._replace(
+            by_load = -spread(lengthening, inside, tree.dofs)
+            return zero(tree, loads)._replace(
                 energy=-u * length,
-                gradient=none.gradient.at[inside].set(-u * lengthening),
-                hessian=none.hessian.at[inside, inside].set(-u * bending),
-                load_energy=none.load_energy.at[self.channel].set(-length),
-                load_gradient=none.load_gradient.at[self.channel, inside].set(-lengthening),
+                gradient=u * by_load,
+                hessian=-u * spread(spread(bending, inside, tree.dofs).T, inside, tree.dofs),
+                load_energy=one_channel(-length, self.channel, len(loads)),
+                load_gradient=one_channel(by_load, self.channel, len(loads)),
             )
 
         return expand
-
-
-def _rows(phi: Float[Array, "points enabled size"], rows: tuple[int, ...], wanted: tuple[int, ...]) -> Array:
-    """Rows `wanted` of the full strain basis; zero where a strain is not enabled."""
-    none = jnp.zeros_like(phi[:, 0])
-    return jnp.stack([phi[:, rows.index(r)] if r in rows else none for r in wanted], axis=1)

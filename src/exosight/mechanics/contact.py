@@ -6,11 +6,12 @@ Source: the paper's contact model (eq. 9 there).
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from exosight.mechanics.energy import Bound, Expansion, Term, point_wrench, zero
-from exosight.mechanics.kinematics import Motion
-from exosight.mechanics.robot import Robot
+from exosight.mechanics.kinematics import Motion, spread
+from exosight.mechanics.term import Bound, Expansion, Term, on_frames, point_stiffness, point_wrench, zero
+from exosight.mechanics.tree import Tree
 
 
 class Spheres(eqx.Module):
@@ -23,9 +24,9 @@ class Spheres(eqx.Module):
     frames: tuple[tuple[str, int], ...] = eqx.field(static=True)
     radius: Float[Array, " spheres"]
 
-    def index(self, robot: Robot) -> tuple[int, ...]:
-        """Each sphere's place among all frames of the robot; InputError if a body has no such frame."""
-        return tuple(robot.frame(body, frame) for body, frame in self.frames)
+    def index(self, tree: Tree) -> tuple[int, ...]:
+        """Each sphere's place among all frames of the tree; InputError if a body has no such frame."""
+        return tuple(tree.frame(body, frame) for body, frame in self.frames)
 
 
 class SphereContact(Term):
@@ -39,59 +40,69 @@ class SphereContact(Term):
     stiffness: Float[Array, ""]
 
     def pairs(
-        self, robot: Robot, position: Float[Array, "frames 3"]
+        self, tree: Tree, position: Float[Array, "frames 3"]
     ) -> tuple[Float[Array, "first second"], Float[Array, "first second 3"], Float[Array, "first second"]]:
         """Overlap [m] (negative: gap), unit normal from second to first, and distance of centres [m]."""
-        a, b = jnp.array(self.first.index(robot)), jnp.array(self.second.index(robot))
+        a, b = jnp.array(self.first.index(tree)), jnp.array(self.second.index(tree))
         between = position[a][:, None] - position[b][None]
         # Coincident centres have no normal; the tiny offset makes it zero there instead of NaN.
-        distance = jnp.sqrt(jnp.sum(between**2, axis=-1) + 1e-30)
+        distance = jnp.sqrt(_dot(between, between) + 1e-30)
         overlap = self.first.radius[:, None] + self.second.radius[None] - distance
         return overlap, between / distance[..., None], distance
 
-    def forces(self, robot: Robot, position: Float[Array, "frames 3"]) -> Float[Array, "second 3"]:
+    def forces(self, tree: Tree, position: Float[Array, "frames 3"]) -> Float[Array, "second 3"]:
         """The summed force [N] that `first` exerts on each sphere of `second`, in the world."""
-        overlap, normal, _ = self.pairs(robot, position)
+        overlap, normal, _ = self.pairs(tree, position)
         return -jnp.sum(self.stiffness * jnp.maximum(overlap, 0.0)[..., None] * normal, axis=0)
 
-    def reach(self, robot: Robot, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
+    def reach(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
         """Up to where the first open pair touches, and a little into it: from there on it is seen."""
-        overlap, normal, distance = self.pairs(robot, motion.position)
-        moved = motion.point_jacobian() @ step
-        a, b = jnp.array(self.first.index(robot)), jnp.array(self.second.index(robot))
-        closing = -jnp.sum(normal * (moved[a][:, None] - moved[b][None]), axis=-1)
+        overlap, normal, distance = self.pairs(tree, motion.position)
+        twist = motion.twist(step)
+        moved = twist[:, 3:] + jnp.cross(twist[:, :3], motion.position)
+        a, b = jnp.array(self.first.index(tree)), jnp.array(self.second.index(tree))
+        closing = -_dot(normal, moved[a][:, None] - moved[b][None])
         ahead = (overlap < 0) & (closing > 0)
         # 0.3 % of the distance, some 30 µm on a finger: enough to be felt, too little to be thrown back.
         fraction = (0.003 * distance - overlap) / jnp.where(ahead, closing, 1.0)
         return jnp.min(jnp.where(ahead, fraction, jnp.inf))
 
-    def bind(self, robot: Robot) -> Bound:
-        """Frame indices are bound once."""
-        a, b = jnp.array(self.first.index(robot)), jnp.array(self.second.index(robot))
+    def bind(self, tree: Tree) -> Bound:
+        """Frame indices, and the coordinates that move either side, are bound once."""
+        a, b = np.array(self.first.index(tree)), np.array(self.second.index(tree))
+        move_a, move_b = tree.moving(a), tree.moving(b)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
-            overlap, n, distance = self.pairs(robot, motion.position)
+            position = motion.position
+            overlap, n, distance = self.pairs(tree, position)
             depth = jnp.maximum(overlap, 0.0)
-            push = -self.stiffness * depth[..., None] * n  # ∂E/∂p_first
-            gradient = jnp.zeros((robot.frames, 3)).at[a].add(push.sum(1)).at[b].add(-push.sum(0))
             # ∂²E/∂p²: k n nᵀ − (k d / r)(I − n nᵀ) where the pair touches
-            stiff = jnp.where(overlap > 0, self.stiffness, 0.0)
             bend = self.stiffness * depth / distance
-            nn = n[..., :, None] * n[..., None, :]
-            pair = (stiff + bend)[..., None, None] * nn - bend[..., None, None] * jnp.eye(3)
-            dp = motion.point_jacobian()
-            da, db = dp[a], dp[b]
-            own_a = jnp.einsum("aij,ajq->aiq", pair.sum(1), da)
-            own_b = jnp.einsum("bij,bjq->biq", pair.sum(0), db)
-            cross = jnp.einsum("abij,bjq->aiq", pair, db)
-            turned = jnp.cross(dp, gradient[:, :, None], axis=1)
-            left = jnp.concatenate([da, db, motion.jacobian[:, :3]]).reshape(-1, robot.dofs)
-            right = jnp.concatenate([own_a - 2 * cross, own_b, turned]).reshape(-1, robot.dofs)
-            half = left.T @ right
-            return zero(robot, loads)._replace(
+            along = jnp.where(overlap > 0, self.stiffness, 0.0) + bend
+            wrench, stiffness = jnp.zeros((tree.frames, 6)), jnp.zeros((tree.frames, 6, 6))
+            for frames, sign, side in ((a, -1.0, lambda x: x), (b, 1.0, lambda x: jnp.swapaxes(x, 0, 1))):
+                at, normal, weight = position[frames], side(n), side(along)[..., None]
+                force = sign * self.stiffness * (side(depth)[:, None] @ normal)[:, 0]
+                k = jnp.swapaxes(weight * normal, 1, 2) @ normal
+                k = k - jnp.sum(side(bend), axis=1)[:, None, None] * jnp.eye(3)
+                wrench += on_frames(point_wrench(at, force), frames, tree.frames)
+                stiffness += on_frames(point_stiffness(at, force, k), frames, tree.frames)
+            # What couples the two sides.
+            da, db = motion.points(a, move_a), motion.points(b, move_b)
+            moved = sum(n[:, :, i, None] * db[None, :, i] for i in range(3))  # n · db, by pair
+            between = jnp.swapaxes(along[..., None] * n, 1, 2) @ moved - jnp.einsum("ab,biq->aiq", bend, db)
+            block = -between.reshape(3 * len(a), len(move_b)).T @ da.reshape(3 * len(a), len(move_a))
+            coupling = spread(spread(block, move_a, tree.dofs).T, move_b, tree.dofs)
+            return zero(tree, loads)._replace(
                 energy=0.5 * self.stiffness * jnp.sum(depth**2),
-                wrench=point_wrench(motion.position, gradient),
-                hessian=0.5 * (half + half.T),
+                wrench=wrench,
+                stiffness=stiffness,
+                hessian=coupling + coupling.T,
             )
 
         return expand
+
+
+def _dot(x: Float[Array, "*batch 3"], y: Float[Array, "*batch 3"]) -> Float[Array, "*batch"]:
+    # Written out, it stays one loop with what is around it; a reduction over three numbers does not.
+    return x[..., 0] * y[..., 0] + x[..., 1] * y[..., 1] + x[..., 2] * y[..., 2]

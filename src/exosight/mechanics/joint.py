@@ -1,8 +1,12 @@
 """Joints: how a body may move against its parent.
 
-A joint moves by exp(axes · q), q its own coordinates. Adding one means adding a class whose constructor
-says what its axes are.
+A joint moves by exp(A₁ q₁) exp(A₂ q₂) …, the columns of A_k being constant twists and q₁, q₂ … its own
+coordinates in order. Most need one exponential; a universal joint is two hinges, one after the other.
+Adding one means adding a class whose constructor says what its twists are.
 """
+
+from collections.abc import Sequence
+from typing import TypedDict, Unpack
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,70 +15,181 @@ from jaxtyping import Array, Float
 
 from exosight.errors import InputError
 
+Axis = tuple[float, float, float]
+Limits = tuple[float, float] | Sequence[tuple[float, float]]
+PerCoordinate = float | Sequence[float]
+
+X: Axis = (1.0, 0.0, 0.0)
+Y: Axis = (0.0, 1.0, 0.0)
+Z: Axis = (0.0, 0.0, 1.0)
+
+
+class Springs(TypedDict, total=False):
+    """What every joint may have besides its axes; the fields of `Joint`."""
+
+    stiffness: PerCoordinate
+    damping: PerCoordinate
+    limits: Limits
+    limit_stiffness: PerCoordinate
+
 
 class Joint(eqx.Module):
-    """A joint with constant axes, springs and a range.
+    """A joint with constant twists, springs, dampers and a range.
 
-    twists            one constant twist a coordinate (static)
-    stiffness         (dofs,)     spring about q = 0 [N m/rad]
-    lower, upper      (dofs,)     range [rad]; ±inf where there is none
-    limit_stiffness   (dofs,)     quadratic penalty beyond the range [N m/rad]
+    Numbers are for all coordinates alike, or one a coordinate; units by coordinate, rad for one that turns,
+    m for one that slides.
+
+    twists            groups of twists, one exponential a group, one twist a coordinate (static)
+    stiffness         (dofs,)     spring about q = 0 [N m/rad or N/m]
+    damping           (dofs,)     [N m s/rad or N s/m]
+    lower, upper      (dofs,)     range [rad or m]; ±inf where there is none
+    limit_stiffness   (dofs,)     quadratic penalty beyond the range [N m/rad or N/m]
     """
 
-    twists: tuple[tuple[float, ...], ...] = eqx.field(static=True)
+    twists: tuple[tuple[tuple[float, ...], ...], ...] = eqx.field(static=True)
     stiffness: Float[Array, " dofs"]
+    damping: Float[Array, " dofs"]
     lower: Float[Array, " dofs"]
     upper: Float[Array, " dofs"]
     limit_stiffness: Float[Array, " dofs"]
 
+    def __init__(
+        self,
+        twists: Sequence[Sequence[Sequence[float]]],
+        stiffness: PerCoordinate = 0.0,
+        limits: Limits = (-np.inf, np.inf),
+        limit_stiffness: PerCoordinate = 0.0,
+        damping: PerCoordinate = 0.0,
+    ) -> None:
+        """Raises InputError for a number that is negative or infinite, an empty range, or a wrong count."""
+        self.twists = tuple(tuple(tuple(map(float, twist)) for twist in group) for group in twists)
+        name = type(self).__name__
+        for what, value in (
+            ("stiffness", stiffness),
+            ("damping", damping),
+            ("limit_stiffness", limit_stiffness),
+        ):
+            numbers = np.asarray(value, dtype=float)
+            if numbers.ndim and numbers.shape != (self.dofs,):
+                raise InputError(f"{name} {what}: expected one number or {self.dofs}, got {numbers.shape}")
+            if not (np.all(numbers >= 0) and np.all(np.isfinite(numbers))):
+                raise InputError(f"{name} {what}: expected finite numbers of at least 0, got {value}")
+            setattr(self, what, jnp.asarray(np.broadcast_to(numbers, self.dofs)))
+        ranges = np.asarray(limits, dtype=float)
+        if ranges.shape not in ((2,), (self.dofs, 2)) or not np.all(ranges[..., 0] < ranges[..., 1]):
+            raise InputError(
+                f"{name} limits: expected lower < upper, one pair or {self.dofs} of them, got {limits}"
+            )
+        ranges = np.broadcast_to(ranges, (self.dofs, 2))
+        self.lower, self.upper = jnp.asarray(ranges[:, 0]), jnp.asarray(ranges[:, 1])
+
     @property
     def dofs(self) -> int:
         """Number of coordinates."""
-        return len(self.twists)
+        return sum(len(group) for group in self.twists)
 
     @property
-    def axes(self) -> Float[Array, "6 dofs"]:
-        """The twists as columns."""
-        return jnp.array(self.twists, dtype=float).reshape(self.dofs, 6).T
+    def groups(self) -> list[Float[np.ndarray, "6 group"]]:
+        """The twists of each exponential, as columns."""
+        return [np.array(group).T for group in self.twists]
 
 
 class Fixed(Joint):
     """No motion: the body is clamped to its parent."""
 
     def __init__(self) -> None:
-        self.twists = ()
-        self.stiffness = self.lower = self.upper = self.limit_stiffness = jnp.zeros(0)
+        super().__init__(())
 
 
 class Revolute(Joint):
-    """A hinge about `axis` through the joint's origin, with a spring and a range.
+    """A hinge: it turns about `axis` through its origin [rad]; (0, 1, 0) flexes a finger in the x–z plane."""
 
-    axis              unit vector in the joint's frame; (0, 1, 0) flexes a finger in the x–z plane
-    stiffness         [N m/rad]
-    limits            (lower, upper) [rad]
-    limit_stiffness   [N m/rad]
+    def __init__(self, axis: Axis = Y, **springs: Unpack[Springs]) -> None:
+        super().__init__([[_turn(axis)]], **springs)
 
-    Raises InputError for an axis that is no unit vector, a negative stiffness or an empty range.
-    """
+
+class Prismatic(Joint):
+    """A slide along `axis` [m]."""
+
+    def __init__(self, axis: Axis = X, **springs: Unpack[Springs]) -> None:
+        super().__init__([[_slide(axis)]], **springs)
+
+
+class Helical(Joint):
+    """A screw: it turns about `axis` [rad] and advances along it by `pitch` a radian [m/rad]."""
 
     def __init__(
         self,
-        axis: tuple[float, float, float] = (0.0, 1.0, 0.0),
-        stiffness: float = 0.0,
-        limits: tuple[float, float] = (-np.inf, np.inf),
-        limit_stiffness: float = 0.0,
+        axis: Axis = X,
+        pitch: float = 0.001,
+        **springs: Unpack[Springs],
     ) -> None:
-        if not np.isclose(np.linalg.norm(axis), 1.0):
-            raise InputError(f"Revolute axis: expected a unit vector, got {axis}; divide it by its length")
-        if not (0 <= stiffness < np.inf and 0 <= limit_stiffness < np.inf):
-            raise InputError(
-                "Revolute stiffness: expected finite numbers of at least 0 N m/rad, "
-                f"got {stiffness} and {limit_stiffness}"
-            )
-        if not limits[0] < limits[1]:
-            raise InputError(f"Revolute limits: expected lower < upper in rad, got {limits}")
-        self.twists = ((*axis, 0.0, 0.0, 0.0),)
-        self.stiffness = jnp.array([stiffness], dtype=float)
-        self.lower = jnp.array([limits[0]], dtype=float)
-        self.upper = jnp.array([limits[1]], dtype=float)
-        self.limit_stiffness = jnp.array([limit_stiffness], dtype=float)
+        if not np.isfinite(pitch):
+            raise InputError(f"Helical pitch: expected a finite number of m/rad, got {pitch}")
+        twist = np.add(_turn(axis), pitch * np.array(_slide(axis))).tolist()
+        super().__init__([[twist]], **springs)
+
+
+class Cylindrical(Joint):
+    """It turns about `axis` [rad] and slides along it [m]."""
+
+    def __init__(self, axis: Axis = X, **springs: Unpack[Springs]) -> None:
+        super().__init__([[_turn(axis), _slide(axis)]], **springs)
+
+
+class Planar(Joint):
+    """It turns about `normal` [rad] and slides along two directions across it [m], all in one exponential.
+
+    The directions are the two of the joint's axes after the normal's largest component, made square to it:
+    z and x for the normal y.
+    """
+
+    def __init__(self, normal: Axis = Y, **springs: Unpack[Springs]) -> None:
+        turn = _turn(normal)
+        n = np.array(normal)
+        first = np.eye(3)[(int(np.argmax(np.abs(n))) + 1) % 3]
+        first = (first - n * (n @ first)) / np.linalg.norm(first - n * (n @ first))
+        across = [[0.0, 0.0, 0.0, *direction] for direction in (first, np.cross(n, first))]
+        super().__init__([[turn, *across]], **springs)
+
+
+class Spherical(Joint):
+    """A ball joint; its coordinates are the rotation vector [rad], singular at a full turn."""
+
+    def __init__(self, **springs: Unpack[Springs]) -> None:
+        super().__init__([[_turn(a) for a in (X, Y, Z)]], **springs)
+
+
+class Universal(Joint):
+    """Two hinges through one point, about `first` in the parent and then about `second` [rad]."""
+
+    def __init__(
+        self,
+        first: Axis = Y,
+        second: Axis = Z,
+        **springs: Unpack[Springs],
+    ) -> None:
+        if abs(np.dot(first, second)) > 1 - 1e-9:
+            raise InputError(f"Universal axes: expected two directions, got {first} and {second}")
+        super().__init__([[_turn(first)], [_turn(second)]], **springs)
+
+
+class Free(Joint):
+    """All six: rotation vector [rad] and translation [m] of one exponential, singular at a full turn."""
+
+    def __init__(self, **springs: Unpack[Springs]) -> None:
+        super().__init__([np.eye(6).tolist()], **springs)
+
+
+def _unit(axis: Axis) -> Axis:
+    if len(axis) != 3 or not np.isclose(np.linalg.norm(axis), 1.0):
+        raise InputError(f"joint axis: expected a unit vector, got {axis}; divide it by its length")
+    return axis
+
+
+def _turn(axis: Axis) -> list[float]:
+    return [*_unit(axis), 0.0, 0.0, 0.0]
+
+
+def _slide(axis: Axis) -> list[float]:
+    return [0.0, 0.0, 0.0, *_unit(axis)]

@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
@@ -14,10 +15,11 @@ class Link(eqx.Module):
 
     name, parent   its own name, and that of the body at whose end its joint sits (None: the ground)
     joint          how it moves against the parent
-    mount          (4, 4)       pose of the joint in the parent's end frame
-    length         ()           [m]; the end frame, where children attach, is at (length, 0, 0)
-    sites          (frames, 3)  points whose poses are wanted, in the link's frame [m]
-    mass           (frames,)    mass carried at each site [kg]
+    mount          (4, 4)          pose of the joint in the parent's end frame
+    length         ()              [m]; the end frame, where children attach, is at (length, 0, 0)
+    sites          (frames, 3)     points whose poses are wanted, in the link's frame [m]
+    mass           (frames,)       mass carried at each site [kg]
+    inertia        (frames, 3, 3)  moment of inertia of that mass about its site, in the link's axes [kg m²]
     """
 
     name: str = eqx.field(static=True)
@@ -27,6 +29,7 @@ class Link(eqx.Module):
     length: Float[Array, ""]
     sites: Float[Array, "frames 3"]
     mass: Float[Array, " frames"]
+    inertia: Float[Array, "frames 3 3"]
 
     def __init__(
         self,
@@ -38,15 +41,31 @@ class Link(eqx.Module):
         joint: Joint | None = None,
         mount: Float[AnyArray, "4 4"] | None = None,
         mass: Float[AnyArray, " frames"] | None = None,
+        inertia: Float[AnyArray, "frames 3 3"] | None = None,
     ) -> None:
         if not 0 <= length < float("inf"):
             raise InputError(f"link {name!r}, length: expected a finite length of at least 0 m, got {length}")
+        count = len(sites)
+        masses = np.zeros(count) if mass is None else np.asarray(mass, dtype=float)
+        inertias = np.zeros((count, 3, 3)) if inertia is None else np.asarray(inertia, dtype=float)
+        for what, value, shape, unit in (
+            ("mass", masses, (count,), "kg"),
+            ("inertia", inertias, (count, 3, 3), "kg m²"),
+        ):
+            if value.shape != shape or not np.all(np.isfinite(value)):
+                raise InputError(
+                    f"link {name!r}, {what}: expected finite numbers [{unit}] of shape {shape}, one a site, "
+                    f"got shape {value.shape}"
+                )
+        if np.any(masses < 0) or np.any(np.linalg.eigvalsh(inertias) < 0):
+            raise InputError(f"link {name!r}: expected masses and moments of inertia of at least 0")
         self.name, self.parent = name, parent
         self.joint = Fixed() if joint is None else joint
         self.mount = jnp.eye(4) if mount is None else jnp.asarray(mount, dtype=float)
         self.length = jnp.asarray(length, dtype=float)
         self.sites = jnp.asarray(sites, dtype=float)
-        self.mass = jnp.zeros(len(self.sites)) if mass is None else jnp.asarray(mass, dtype=float)
+        self.mass = jnp.asarray(masses)
+        self.inertia = jnp.asarray(inertias)
 
     @property
     def frames(self) -> int:

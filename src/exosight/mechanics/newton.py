@@ -8,7 +8,7 @@ elastic stiffness: in it every soft mode weighs its own energy, whatever the uni
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,52 +29,61 @@ class Path(NamedTuple):
     step, fraction     the direction being tried, and how much of it; the trial point is q + fraction · step
     slope              dΠ along the whole step [J]
     fresh              the trial point is a new start, to be accepted whatever its energy
-    found, …           coordinates, Hessian, energy, residual, steps and success at each load solved
+    bumpy              since the last load, an accepted point had a direction of no or negative stiffness
+    found, …           what was found at each load solved: coordinates, Hessian, ∂∇Π/∂u, energy, residual,
+                       steps, success, and whether the way there was bumpy
     """
 
-    load: Int[Array, ""]
-    steps: Int[Array, ""]
-    q: Float[Array, " dofs"]
+    load: Int[AnyArray, ""]
+    steps: Int[AnyArray, ""]
+    q: Float[AnyArray, " dofs"]
     here: Evaluation
-    residual: Float[Array, ""]
-    step: Float[Array, " dofs"]
-    fraction: Float[Array, ""]
-    slope: Float[Array, ""]
-    fresh: Bool[Array, ""]
-    found: Float[Array, "loads dofs"]
-    hessians: Float[Array, "loads dofs dofs"]
-    energies: Float[Array, " loads"]
-    residuals: Float[Array, " loads"]
-    iterations: Int[Array, " loads"]
-    converged: Bool[Array, " loads"]
+    residual: Float[AnyArray, ""]
+    step: Float[AnyArray, " dofs"]
+    fraction: Float[AnyArray, ""]
+    slope: Float[AnyArray, ""]
+    fresh: Bool[AnyArray, ""]
+    bumpy: Bool[AnyArray, ""]
+    found: Float[AnyArray, "loads dofs"]
+    hessians: Float[AnyArray, "loads dofs dofs"]
+    load_gradients: Float[AnyArray, "loads channels dofs"]
+    energies: Float[AnyArray, " loads"]
+    residuals: Float[AnyArray, " loads"]
+    iterations: Int[AnyArray, " loads"]
+    converged: Bool[AnyArray, " loads"]
+    bumps: Bool[AnyArray, " loads"]
 
 
-def begin(q: Float[AnyArray, " dofs"], count: int, channels: int) -> Path:
-    """A path of `count` loads about to start from q."""
+def begin(q: Float[np.ndarray, " dofs"], room: int, channels: int) -> Path:
+    """A path with room for so many loads about to start from q; in NumPy, as it is filled in from Python."""
     dofs = len(q)
+    zeros: Any = np.zeros
     nothing = Evaluation(
-        energy=jnp.zeros(()),
-        gradient=jnp.zeros(dofs),
-        hessian=jnp.eye(dofs),
-        load_energy=jnp.zeros(channels),
-        load_gradient=jnp.zeros((channels, dofs)),
+        energy=zeros(()),
+        gradient=zeros(dofs),
+        hessian=zeros((dofs, dofs)),
+        load_energy=zeros(channels),
+        load_gradient=zeros((channels, dofs)),
     )
     return Path(
-        load=jnp.array(0),
-        steps=jnp.array(0),
-        q=jnp.asarray(q),
+        load=zeros((), int),
+        steps=zeros((), int),
+        q=zeros(dofs) + q,
         here=nothing,
-        residual=jnp.array(jnp.inf),
-        step=jnp.zeros(dofs),
-        fraction=jnp.array(0.0),
-        slope=jnp.array(0.0),
-        fresh=jnp.array(True),
-        found=jnp.zeros((count, dofs)),
-        hessians=jnp.zeros((count, dofs, dofs)),
-        energies=jnp.zeros(count),
-        residuals=jnp.zeros(count),
-        iterations=jnp.zeros(count, dtype=int),
-        converged=jnp.zeros(count, dtype=bool),
+        residual=zeros(()) + np.inf,
+        step=zeros(dofs),
+        fraction=zeros(()),
+        slope=zeros(()),
+        fresh=~zeros((), bool),
+        bumpy=zeros((), bool),
+        found=zeros((room, dofs)),
+        hessians=zeros((room, dofs, dofs)),
+        load_gradients=zeros((room, channels, dofs)),
+        energies=zeros(room),
+        residuals=zeros(room),
+        iterations=zeros(room, int),
+        converged=zeros(room, bool),
+        bumps=zeros(room, bool),
     )
 
 
@@ -87,16 +96,17 @@ def metric_of(robot: Robot) -> Float[Array, "dofs dofs"]:
 
 def stepper(
     robot: Robot,
-    start: Float[Array, " dofs"],
-    loads: Float[Array, "loads channels"],
-    parents: Int[Array, " loads"],
-    count: Int[Array, ""],
-    tolerance: Float[Array, ""],
-    max_iterations: Int[Array, ""],
+    loads: Float[AnyArray, "loads channels"],
+    parents: Int[AnyArray, " loads"],
+    starts: Float[AnyArray, "loads dofs"],
+    count: Int[AnyArray, ""],
+    tolerance: Float[AnyArray, ""],
+    max_iterations: Int[AnyArray, ""],
 ) -> Callable[[Path], Path]:
     """The function that takes a path one Newton step further, and to its next load when it has converged.
 
-    Only the first `count` loads are meant; see `equilibrium.follow` for the rest.
+    Only the first `count` loads are meant; each starts from the equilibrium at one before it, its parent, or
+    if that is −1 from its row of `starts`.
     """
     evaluate = potential(robot)
     metric = metric_of(robot)
@@ -111,7 +121,7 @@ def stepper(
 
     def advance(path: Path) -> Path:
         load = jnp.minimum(path.load, count - 1)
-        trial = path.q + path.fraction * path.step
+        trial = jnp.asarray(path.q + path.fraction * path.step)
         there, motion = evaluate(trial, loads[load])
         residual = relative(there.gradient, trial)
 
@@ -121,18 +131,24 @@ def stepper(
         noise = 1e-12 * (jnp.abs(there.energy) + size(trial) ** 2)
         hidden = (jnp.abs(expected) < noise) & (change > -noise)
         good = jnp.where(hidden, residual <= path.residual, change <= 1e-4 * expected)
+        if not robot.conservative:
+            good = residual <= (1 - 1e-4 * path.fraction) * path.residual
         accept = path.fresh | (good & jnp.isfinite(residual))
         here, q, residual = jax.tree.map(
             lambda new, old: jnp.where(accept, new, old),
             (there, trial, residual),
             (path.here, path.q, path.residual),
         )
-        cholesky, stable = _shifted_factor(here.hessian, metric)
+        if robot.conservative:
+            cholesky, stable = _shifted_factor(here.hessian, metric)
+        else:  # no energy whose minimum it could be: any solution of the equations will do
+            cholesky, stable = metric, jnp.array(True)
         reached, energy = residual, here.energy
         small = reached < tolerance
         converged = small & stable
         steps = path.steps + 1
         moved_on = converged | (steps >= max_iterations)
+        bumpy = path.bumpy | ~stable
 
         # At the next load the energy and gradient here are known, loads being linear: its first Newton step,
         # with the Hessian of this load, is the tangent of the path.
@@ -146,11 +162,16 @@ def stepper(
 
         # Newton's direction; at a saddle, where there is none, a downhill one of a small fixed size.
         saddle = small & ~stable
-        p = -cho_solve((cholesky, True), jnp.where(saddle, _some_direction(robot.dofs), here.gradient))
+        along = jnp.where(saddle, _some_direction(robot.dofs), here.gradient)
+        if robot.conservative:
+            p = -cho_solve((cholesky, True), along)
+        else:
+            p = -jnp.linalg.solve(here.hessian, along)
         length = jnp.maximum(size(p), 1e-300)
         longest = 0.5 * size(q) + 20 * unit
         p = p * jnp.where(saddle, (0.05 * size(q) + unit) / length, jnp.minimum(1.0, longest / length))
-        p = jnp.where(here.gradient @ p > 0, -p, p)
+        if robot.conservative:
+            p = jnp.where(here.gradient @ p > 0, -p, p)
         # A refused step is shortened to where a parabola through both energies has its minimum.
         shorter = jnp.clip(-0.5 * expected / jnp.maximum(change - expected, 1e-300), 0.1, 0.5)
         retry = ~accept & ~moved_on
@@ -161,8 +182,8 @@ def stepper(
 
         record = moved_on & (path.load < count)
 
-        def put(into: Array, value: Array) -> Array:
-            return into.at[load].set(jnp.where(record, value, into[load]))
+        def put(into: AnyArray, value: AnyArray) -> Array:
+            return jnp.asarray(into).at[load].set(jnp.where(record, value, into[load]))
 
         found = put(path.found, q)
         elsewhere = moved_on & ~onwards
@@ -170,19 +191,22 @@ def stepper(
         return Path(
             load=jnp.minimum(path.load + moved_on, count),
             steps=jnp.where(moved_on, 0, steps),
-            q=jnp.where(elsewhere, jnp.where(parent < 0, start, found[parent]), q),
+            q=jnp.where(elsewhere, jnp.where(parent < 0, starts[following], found[parent]), q),
             here=here,
             residual=residual,
             step=step,
             fraction=jnp.where(elsewhere, 0.0, fraction),
             slope=slope,
             fresh=elsewhere,
+            bumpy=bumpy & ~moved_on,
             found=found,
             hessians=put(path.hessians, here.hessian),
+            load_gradients=put(path.load_gradients, here.load_gradient),
             energies=put(path.energies, energy),
             residuals=put(path.residuals, reached),
             iterations=put(path.iterations, steps),
             converged=put(path.converged, converged),
+            bumps=put(path.bumps, bumpy),
         )
 
     return advance

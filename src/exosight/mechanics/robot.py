@@ -1,77 +1,24 @@
-"""A robot: a tree of links and rods, and the energy terms that act on it."""
+"""A robot: a kinematic tree, and the energy terms that act on it."""
 
-from typing import TYPE_CHECKING
-
-import equinox as eqx
-
-from exosight.errors import InputError
-from exosight.mechanics.link import Link
-from exosight.mechanics.rod import Rod
-
-if TYPE_CHECKING:
-    from exosight.mechanics.energy import Term
-
-Body = Link | Rod
+from exosight.mechanics.term import Term
+from exosight.mechanics.tree import Body, Tree
 
 
-class Robot(eqx.Module):
-    """Bodies, parents before children, and the terms whose sum with their elasticity is the energy.
+class Robot(Tree):
+    """A tree and the terms whose sum with its elasticity is the energy."""
 
-    It is a JAX pytree: its numbers can be batched (`stack`), traced and differentiated, while names
-    and array sizes are fixed and select the compiled code.
-    """
+    terms: tuple[Term, ...]
 
-    bodies: tuple[Body, ...]
-    terms: "tuple[Term, ...]"
-
-    def __init__(self, bodies: tuple[Body, ...], terms: "tuple[Term, ...]" = ()) -> None:
-        seen: set[str | None] = {None}
-        for body in bodies:
-            if body.name in seen:
-                raise InputError(f"robot: two bodies are named {body.name!r}; give each its own name")
-            if body.parent not in seen:
-                raise InputError(
-                    f"robot: body {body.name!r} sits on {body.parent!r}, which does not come before it"
-                )
-            seen.add(body.name)
-        self.bodies, self.terms = tuple(bodies), tuple(terms)
+    def __init__(self, bodies: tuple[Body, ...], terms: tuple[Term, ...] = ()) -> None:
+        super().__init__(bodies)
+        self.terms = tuple(terms)
 
     @property
-    def dofs(self) -> int:
-        """Number of coordinates, body by body in order."""
-        return sum(body.dofs for body in self.bodies)
+    def conservative(self) -> bool:
+        """Whether all terms have an energy, so that an equilibrium is a minimum of one."""
+        return all(term.conservative for term in self.terms)
 
     @property
-    def frames(self) -> int:
-        """Number of poses, body by body in order."""
-        return sum(body.frames for body in self.bodies)
-
-    def __getitem__(self, name: str) -> Body:
-        return self.bodies[self.index(name)]
-
-    def index(self, name: str) -> int:
-        """Position of the body called `name`; InputError if there is none."""
-        names = [body.name for body in self.bodies]
-        if name not in names:
-            raise InputError(f"robot: no body is named {name!r}; it has {', '.join(names)}")
-        return names.index(name)
-
-    def frame_slice(self, name: str) -> slice:
-        """Where the frames of body `name` stand among all frames."""
-        i = self.index(name)
-        start = sum(body.frames for body in self.bodies[:i])
-        return slice(start, start + self.bodies[i].frames)
-
-    def frame(self, name: str, number: int) -> int:
-        """Where frame `number` of body `name` (−1: its last) stands among all; InputError if it has none."""
-        own = self.frame_slice(name)
-        count = own.stop - own.start
-        if not -count <= number < count:
-            raise InputError(f"robot: body {name!r} has frames 0…{count - 1}, got {number}")
-        return range(own.start, own.stop)[number]
-
-    def dof_slice(self, name: str) -> slice:
-        """Where the coordinates of body `name` (its joint's, then its strains') stand among all."""
-        i = self.index(name)
-        start = sum(body.dofs for body in self.bodies[:i])
-        return slice(start, start + self.bodies[i].dofs)
+    def loads(self) -> int:
+        """Number of load channels that the terms need."""
+        return max((term.loads for term in self.terms), default=0)

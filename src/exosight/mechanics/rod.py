@@ -1,6 +1,6 @@
 """A soft rod of a kinematic tree: a Cosserat rod whose strain is a finite sum of functions."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -12,28 +12,38 @@ from exosight.errors import InputError
 from exosight.mechanics.basis import Basis
 from exosight.mechanics.joint import Fixed, Joint
 from exosight.mechanics.quadrature import Gauss
-from exosight.mechanics.section import circular_mass, circular_stiffness
+from exosight.mechanics.section import Section
 
 STRAINS = ("torsion_x", "bend_y", "bend_z", "stretch_x", "shear_y", "shear_z")
 STRAIGHT = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0])
 """Strain of a straight, unloaded rod along its local x axis."""
 
+ZANNAH = np.array([0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6])
+"""Where a Magnus step samples the strain, as fractions of its interval."""
+
+
+def step_samples(points: Float[np.ndarray, " points"]) -> Float[np.ndarray, "steps 2"]:
+    """The two places in each interval between neighbouring points where a Magnus step samples the strain."""
+    return points[:-1, None] + np.diff(points)[:, None] * ZANNAH
+
 
 class Rod(eqx.Module):
-    """A rod of round section along its local x axis.
+    """A Cosserat rod along its local x axis.
 
     name, parent   its own name, and that of the body at whose end it sits (None: the ground)
     strains        the enabled strain components with their bases, in the order of `STRAINS`
     quadrature     the points along it; each is a frame
     joint, mount   as for a link: how its base moves, and where that is
-    length         ()         [m]
-    radius         (points,)  [m]
-    young          ()         [Pa]
-    poisson        ()         [-]
-    density        ()         [kg/m³]
+    section        sizes at each point
+    length         ()          [m]
+    young          ()          [Pa]
+    poisson        ()          [-]
+    density        ()          [kg/m³]
+    viscosity      ()          [Pa s]; of a Kelvin–Voigt material, to strain rates what `young` is to strains
+    natural        (nodes, 6)  strain without load, at the points, then at the samples of each step [1/m; -]
 
-    Coordinates follow strain by strain. Angular strains are (1/length) Σ φ_k q_k, so that q is in
-    radians, linear ones Σ φ_k q_k (as in SoRoSim).
+    Coordinates follow strain by strain. Angular strains are natural + (1/length) Σ φ_k q_k, so that q is in
+    radians, linear ones natural + Σ φ_k q_k (as in SoRoSim).
     """
 
     name: str = eqx.field(static=True)
@@ -42,23 +52,27 @@ class Rod(eqx.Module):
     quadrature: Gauss = eqx.field(static=True)
     joint: Joint
     mount: Float[Array, "4 4"]
+    section: Section
     length: Float[Array, ""]
-    radius: Float[Array, " points"]
     young: Float[Array, ""]
     poisson: Float[Array, ""]
     density: Float[Array, ""]
+    viscosity: Float[Array, ""]
+    natural: Float[Array, "nodes 6"]
 
     def __init__(
         self,
         name: str,
         length: float,
-        radius: Float[AnyArray, " points"],
+        section: Section,
         *,
         young: float,
         strains: Mapping[str, Basis],
         quadrature: Gauss,
         poisson: float = 0.5,
         density: float = 0.0,
+        viscosity: float = 0.0,
+        natural: Callable[[Float[np.ndarray, " n"]], Float[AnyArray, "n 6"]] | None = None,
         parent: str | None = None,
         joint: Joint | None = None,
         mount: Float[AnyArray, "4 4"] | None = None,
@@ -70,30 +84,37 @@ class Rod(eqx.Module):
                 )
         if not -1 < poisson <= 0.5:
             raise InputError(f"rod {name!r}, poisson: expected within (-1, 0.5], got {poisson}")
-        if not 0 <= density < np.inf:
-            raise InputError(f"rod {name!r}, density: expected finite, at least 0 kg/m³, got {density}")
+        for what, value, unit in (("density", density, "kg/m³"), ("viscosity", viscosity, "Pa s")):
+            if not 0 <= value < np.inf:
+                raise InputError(f"rod {name!r}, {what}: expected finite, at least 0 {unit}, got {value}")
         unknown = set(strains) - set(STRAINS)
         if unknown or not strains:
             raise InputError(
                 f"rod {name!r}, strains: expected some of {', '.join(STRAINS)}, got {[*strains]}"
             )
-        radii = np.asarray(radius, dtype=float)
-        if radii.shape != (quadrature.size,):
+        if section.size != quadrature.size:
             raise InputError(
-                f"rod {name!r}, radius: expected one for each of {quadrature.size} points, got {radii.shape}"
+                f"rod {name!r}, section: expected sizes at {quadrature.size} points, got {section.size}"
             )
-        if not (np.all(radii > 0) and np.all(np.isfinite(radii))):
-            raise InputError(f"rod {name!r}, radius: expected finite numbers above 0 m, got {radii.min()}")
+        nodes = np.concatenate([quadrature.points, step_samples(quadrature.points).ravel()])
+        strain = np.tile(STRAIGHT, (len(nodes), 1)) if natural is None else np.asarray(natural(nodes), float)
+        if strain.shape != (len(nodes), 6) or not np.all(np.isfinite(strain)):
+            raise InputError(
+                f"rod {name!r}, natural: expected a function from places in [0, 1] to finite strains "
+                f"{(len(nodes), 6)}, got {strain.shape}"
+            )
         self.name, self.parent = name, parent
         self.strains = tuple((s, strains[s]) for s in STRAINS if s in strains)
         self.quadrature = quadrature
         self.joint = Fixed() if joint is None else joint
         self.mount = jnp.eye(4) if mount is None else jnp.asarray(mount, dtype=float)
+        self.section = section
         self.length = jnp.asarray(length, dtype=float)
-        self.radius = jnp.asarray(radii)
         self.young = jnp.asarray(young, dtype=float)
         self.poisson = jnp.asarray(poisson, dtype=float)
         self.density = jnp.asarray(density, dtype=float)
+        self.viscosity = jnp.asarray(viscosity, dtype=float)
+        self.natural = jnp.asarray(strain)
 
     @property
     def frames(self) -> int:
@@ -128,16 +149,24 @@ class Rod(eqx.Module):
         """Quadrature weights over arc length [m]."""
         return self.length * self.quadrature.weights
 
-    def section_stiffness(self) -> Float[Array, "points 6"]:
-        """Diagonal section stiffness at the quadrature points [N m², N]."""
-        return circular_stiffness(self.radius, self.young, self.poisson)
-
     def mass(self) -> Float[Array, " points"]:
         """Mass [kg] that each quadrature point carries."""
-        return self.weights() * circular_mass(self.radius, self.density)
+        return self.weights() * self.density * self.section.area()
+
+    def inertia(self) -> Float[Array, "points 3 3"]:
+        """Moment of inertia [kg m²] of what each quadrature point carries, about itself, in its own axes."""
+        rotary = (self.weights() * self.density)[:, None] * self.section.rotary()
+        return rotary[:, :, None] * np.eye(3)
 
     def stiffness(self) -> Float[Array, "size size"]:
         """K = ∫ Φᵀ Σ Φ ds, so that the elastic energy is ½ qᵀ K q."""
+        return self._integrated(self.section.stiffness(self.young, self.poisson))
+
+    def damping(self) -> Float[Array, "size size"]:
+        """D, so that the viscous force is D dq/dt: K with viscosity in the place of Young's modulus."""
+        return self._integrated(self.section.stiffness(self.viscosity, self.poisson))
+
+    def _integrated(self, section: Float[Array, "points 6"]) -> Float[Array, "size size"]:
         phi = self.functions(self.quadrature.points) * self.scale[:, None]
-        density = self.weights()[:, None] * self.section_stiffness()[:, list(self.rows)]
+        density = self.weights()[:, None] * section[:, list(self.rows)]
         return jnp.einsum("pea,pe,peb->ab", phi, density, phi)

@@ -1,34 +1,164 @@
-"""The cross-section of a rod: the one place that turns E, ν, ρ and a radius into stiffness and mass."""
+"""Cross-sections of rods: the one place that turns dimensions into areas and moments.
 
+A section is a few numbers at each quadrature point of a rod, so that it may vary along it. Adding one means
+adding a class with `area`, `moments` and `torsion`.
+"""
+
+from abc import abstractmethod
+
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from exosight.arrays import AnyArray
+from exosight.errors import InputError
+
 Scalar = Float[Array, ""]
+Points = Float[Array, " points"]
 
 
-def circular_stiffness(
-    radius: Float[Array, " points"], young: Scalar, poisson: Scalar
-) -> Float[Array, "points 6"]:
-    """Diagonal of Σ in wrench = Σ (ξ − ξ*): (G·2I, E·I, E·I, E·A, G·A, G·A) with G = E / 2(1 + ν).
+class Section(eqx.Module):
+    """The section of a rod in the plane of its local y and z axes, at each quadrature point."""
 
-    radius    (points,)     [m]
-    young     ()            [Pa]
-    poisson   ()            [-]
-    returns   (points, 6)   torsion and bending [N m²], then stretch and shear [N]
+    @abstractmethod
+    def area(self) -> Points:
+        """A [m²]."""
 
-    Shear carries no correction factor, as in the paper's toolbox.
-    Source: Mathew et al., SoRoSim, doi 10.1109/MRA.2022.3202488.
+    @abstractmethod
+    def moments(self) -> tuple[Points, Points]:
+        """Second moments of area [m⁴]: I_y = ∫ z² dA, against bending about y, and I_z = ∫ y² dA."""
+
+    @abstractmethod
+    def torsion(self) -> Points:
+        """Saint-Venant's torsion constant J [m⁴]."""
+
+    @property
+    def size(self) -> int:
+        """Number of points that it is given at."""
+        return self.area().shape[-1]
+
+    def stiffness(self, young: Scalar, poisson: Scalar) -> Float[Array, "points 6"]:
+        """Diagonal of Σ in wrench = Σ (ξ − ξ*): (GJ, EI_y, EI_z, EA, GA, GA) with G = E / 2(1 + ν).
+
+        young     ()            [Pa]
+        poisson   ()            [-]
+        returns   (points, 6)   torsion and bending [N m²], then stretch and shear [N]
+
+        Shear carries no correction factor, as in the paper's toolbox.
+        Source: Mathew et al., SoRoSim, doi 10.1109/MRA.2022.3202488.
+        """
+        shear = young / (2 * (1 + poisson))
+        (y, z), area = self.moments(), self.area()
+        return jnp.stack(
+            [shear * self.torsion(), young * y, young * z, young * area, shear * area, shear * area], axis=-1
+        )
+
+    def rotary(self) -> Float[Array, "points 3"]:
+        """Polar and both second moments [m⁴]: times density, the rotary inertia of unit length."""
+        y, z = self.moments()
+        return jnp.stack([y + z, y, z], axis=-1)
+
+
+class Circular(Section):
+    """A disc.
+
+    radius    (points,)   [m]
     """
-    area = np.pi * radius**2
-    moment = area * radius**2 / 4
-    shear = young / (2 * (1 + poisson))
-    return jnp.stack(
-        [2 * shear * moment, young * moment, young * moment, young * area, shear * area, shear * area],
-        axis=-1,
-    )
+
+    radius: Points
+
+    def __init__(self, radius: Float[AnyArray, " points"]) -> None:
+        self.radius = _positive("Circular", "radius", radius)
+
+    def area(self) -> Points:
+        """πr²."""
+        return np.pi * self.radius**2
+
+    def moments(self) -> tuple[Points, Points]:
+        """πr⁴/4, twice."""
+        moment = self.area() * self.radius**2 / 4
+        return moment, moment
+
+    def torsion(self) -> Points:
+        """πr⁴/2."""
+        return self.area() * self.radius**2 / 2
 
 
-def circular_mass(radius: Float[Array, " points"], density: Scalar) -> Float[Array, " points"]:
-    """Mass per length ρA [kg/m] of a disc of `radius` [m] and `density` [kg/m³]."""
-    return density * np.pi * radius**2
+class Elliptic(Section):
+    """An ellipse with its axes along y and z.
+
+    semi_y, semi_z   (points,)   semi-axes [m]
+    """
+
+    semi_y: Points
+    semi_z: Points
+
+    def __init__(self, semi_y: Float[AnyArray, " points"], semi_z: Float[AnyArray, " points"]) -> None:
+        self.semi_y, self.semi_z = _same_points(
+            _positive("Elliptic", "semi_y", semi_y), _positive("Elliptic", "semi_z", semi_z)
+        )
+
+    def area(self) -> Points:
+        """πab."""
+        return np.pi * self.semi_y * self.semi_z
+
+    def moments(self) -> tuple[Points, Points]:
+        """πab³/4 about y, πa³b/4 about z."""
+        return self.area() * self.semi_z**2 / 4, self.area() * self.semi_y**2 / 4
+
+    def torsion(self) -> Points:
+        """πa³b³/(a² + b²)."""
+        a, b = self.semi_y, self.semi_z
+        return np.pi * (a * b) ** 3 / (a**2 + b**2)
+
+
+class Rectangular(Section):
+    """A rectangle with its sides along y and z.
+
+    width    (points,)   along y [m]
+    height   (points,)   along z [m]
+    """
+
+    width: Points
+    height: Points
+
+    def __init__(self, width: Float[AnyArray, " points"], height: Float[AnyArray, " points"]) -> None:
+        self.width, self.height = _same_points(
+            _positive("Rectangular", "width", width), _positive("Rectangular", "height", height)
+        )
+
+    def area(self) -> Points:
+        """wh."""
+        return self.width * self.height
+
+    def moments(self) -> tuple[Points, Points]:
+        """wh³/12 about y, w³h/12 about z."""
+        return self.area() * self.height**2 / 12, self.area() * self.width**2 / 12
+
+    def torsion(self) -> Points:
+        """ab³ (1/3 − 64 b/(π⁵ a) Σ tanh(nπa/2b)/n⁵) with odd n, a ≥ b; five terms are exact to 1e-6.
+
+        Source: Timoshenko and Goodier, Theory of Elasticity, 3rd ed., art. 109.
+        """
+        long, short = jnp.maximum(self.width, self.height), jnp.minimum(self.width, self.height)
+        n = np.arange(1, 10, 2)
+        series = jnp.sum(jnp.tanh(n * np.pi / 2 * (long / short)[..., None]) / n**5, axis=-1)
+        return long * short**3 * (1 / 3 - 64 / np.pi**5 * short / long * series)
+
+
+def _positive(section: str, name: str, value: Float[AnyArray, " points"]) -> Points:
+    numbers = np.asarray(value, dtype=float)
+    if numbers.ndim != 1 or not (np.all(numbers > 0) and np.all(np.isfinite(numbers))):
+        shown = numbers.min() if numbers.ndim == 1 and numbers.size else f"shape {numbers.shape}"
+        raise InputError(
+            f"{section} {name}: expected finite numbers above 0 m, one a point, got {shown}; "
+            "give an array over the rod's quadrature points"
+        )
+    return jnp.asarray(numbers)
+
+
+def _same_points(first: Points, second: Points) -> tuple[Points, Points]:
+    if first.shape != second.shape:
+        raise InputError(f"section: expected both at the same points, got {first.shape}, {second.shape}")
+    return first, second

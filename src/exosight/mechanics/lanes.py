@@ -1,0 +1,199 @@
+"""Many paths of loads side by side: a compiled loop over a few lanes, refilled as paths arrive.
+
+What changes hands between Python and compiled code are NumPy arrays: indexing JAX arrays from Python costs a
+dispatch each, which for thousands of robots is more than solving them.
+"""
+
+import os
+from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from threading import Lock
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from exosight.arrays import AnyArray
+from exosight.mechanics.newton import Path, begin, metric_of, stepper
+from exosight.mechanics.robot import Robot
+
+
+class Job(NamedTuple):
+    """One robot and its path.
+
+    robot
+    loads     (loads, channels)   [N]
+    parents   (loads,)            the earlier load that each starts from, −1: its row of `starts`
+    starts    (loads, dofs)       where loads without a parent start
+    """
+
+    robot: Robot
+    loads: Float[np.ndarray, "loads channels"]
+    parents: Int[np.ndarray, " loads"]
+    starts: Float[np.ndarray, "loads dofs"]
+
+
+ROOM = 64
+"""Loads that a lane takes at a time; longer paths go on in the same lane. One size, so one compilation."""
+
+Solved = tuple[Path, Float[np.ndarray, "dofs dofs"]]
+"""A path with what was found at each load, and the metric of its robot."""
+
+
+def run(
+    jobs: Sequence[Job],
+    tolerance: float,
+    max_iterations: int,
+    lanes: int,
+    done: Callable[[int], None] = lambda jobs: None,
+) -> list[Solved]:
+    """Each job's finished path, and its robot's metric; all robots of one structure.
+
+    done   called with the number of jobs finished, as they finish
+    """
+    lanes = min(lanes, _power_of_two(len(jobs)))
+    advance = _compiled(jax.tree.structure(jobs[0].robot))
+    leaves = [[np.asarray(leaf) for leaf in jax.tree.leaves(job.robot)] for job in jobs]
+    queue = _Queue(len(jobs))
+    results: list[list[Solved]] = [[] for _ in jobs]
+
+    def next_part(number: int) -> _Lane:
+        """What comes next on the path of a job."""
+        return _lane(jobs[number], [np.asarray(path.found) for path, _ in results[number]])
+
+    def work() -> None:
+        numbers = queue.take(lanes)
+        if not numbers:
+            return
+        numbers += [-1] * (lanes - len(numbers))
+        rows = [np.stack([leaves[max(i, 0)][k] for i in numbers]) for k in range(len(leaves[0]))]
+        state = jax.tree.map(lambda *parts: np.stack(parts), *(next_part(max(i, 0)) for i in numbers))
+        empty = np.array(numbers) < 0
+        state.path.load[empty] = state.total[empty]  # lanes without a job stand still
+        while any(i >= 0 for i in numbers) and not queue.stopped:
+            # While jobs wait, come back as soon as a quarter of the lanes is free for them.
+            enough = min(lanes, numbers.count(-1) + max(1, lanes // 4))
+            found, metrics = advance(rows, state, tolerance, max_iterations, enough)
+            state = state._replace(path=jax.tree.map(np.array, found))
+            ready = np.flatnonzero((state.path.load == state.total) & (np.array(numbers) >= 0)).tolist()
+            for at in ready:
+                number = numbers[at]
+                results[number].append((_cut(state.path, at, int(state.total[at])), np.asarray(metrics[at])))
+                if sum(len(path.found) for path, _ in results[number]) == len(jobs[number].loads):
+                    done(1)
+                    numbers[at] = number = next(iter(queue.take(1)), -1)
+                    if number < 0:
+                        continue
+                    for into, row in zip(rows, leaves[number], strict=True):
+                        into[at] = row
+                for into, row in zip(jax.tree.leaves(state), jax.tree.leaves(next_part(number)), strict=True):
+                    into[at] = row
+
+    # Compiled calls release Python's lock, so one thread a core keeps every core busy.
+    workers = min(_cores(), -(-len(jobs) // lanes))
+    with ThreadPoolExecutor(max_workers=workers) as pool:
+        try:
+            for future in [pool.submit(work) for _ in range(workers)]:
+                future.result()
+        except BaseException:  # Ctrl-C too: the pool waits for its threads, which need not finish
+            queue.stopped = True
+            raise
+    return [_joined(parts) for parts in results]
+
+
+class _Lane(NamedTuple):
+    """What a lane is working on: loads, which of them each starts from (−1: from its row of `starts`), how
+    many there are, and how far it is.
+    """
+
+    loads: Float[AnyArray, "room channels"]
+    parents: Int[AnyArray, " room"]
+    starts: Float[AnyArray, "room dofs"]
+    total: Int[AnyArray, ""]
+    path: Path
+
+
+def _lane(job: Job, parts: Sequence[np.ndarray]) -> _Lane:
+    """The next loads of a job, after those of which q is known."""
+    found = np.concatenate([job.starts[:0], *parts])
+    done = len(found)
+    loads, parents, starts = (x[done : done + ROOM] for x in (job.loads, job.parents, job.starts))
+    inside = np.where(parents >= done, parents - done, -1)
+    before = np.flatnonzero((parents >= 0) & (parents < done))
+    starts = starts.copy()
+    starts[before] = found[parents[before]]
+    spare = ROOM - len(loads)
+    return _Lane(
+        loads=np.concatenate([loads, np.repeat(loads[-1:], spare, axis=0)]),
+        parents=np.concatenate([inside, np.zeros(spare, dtype=int)]),
+        starts=np.concatenate([starts, np.zeros((spare, starts.shape[1]))]),
+        total=np.array(len(loads)),
+        path=begin(starts[0], ROOM, loads.shape[1]),
+    )
+
+
+_SOLVED = Path._fields[Path._fields.index("found") :]
+
+
+def _cut(path: Path, lane: int, count: int) -> Path:
+    """One lane of a batch of paths, without the padding."""
+    of = jax.tree.map(lambda leaf: leaf[lane].copy(), path)
+    return of._replace(**{name: getattr(of, name)[:count] for name in _SOLVED})
+
+
+def _joined(parts: Sequence[Solved]) -> Solved:
+    """One path of all its parts."""
+    paths = [path for path, _ in parts]
+    whole = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _SOLVED}
+    return paths[-1]._replace(**whole), parts[-1][1]
+
+
+class _Queue:
+    """Numbers of the jobs that nobody has taken yet."""
+
+    def __init__(self, count: int) -> None:
+        self._next, self._count, self._lock = 0, count, Lock()
+        self.stopped = False
+
+    def take(self, most: int) -> list[int]:
+        with self._lock:
+            taken = range(self._next, min(self._next + most, self._count))
+            self._next = taken.stop
+        return list(taken)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _power_of_two(least: int) -> int:
+    return 1 << max(0, least - 1).bit_length()
+
+
+@lru_cache(maxsize=64)
+def _compiled(structure: Hashable) -> Callable:
+    """Step every path until `enough` of them have all their loads behind them; also the robots' metrics.
+
+    For robots of one structure: (its arrays with a leading axis of lanes, lanes, tolerance, max_iterations,
+    enough) -> (paths, metrics).
+    """
+
+    def advance(
+        leaves: list[Array], lanes: _Lane, tolerance: Array, max_iterations: Array, enough: Array
+    ) -> tuple[Path, Array]:
+        def one(leaves: list[Array], lane: _Lane) -> tuple[Path, Array]:
+            robot = jax.tree.unflatten(structure, leaves)
+            where = lane.loads, lane.parents, lane.starts, lane.total
+            step = stepper(robot, *where, tolerance, max_iterations)
+
+            def going(path: Path) -> Array:
+                return jax.lax.psum((path.load == lane.total).astype(int), "lanes") < enough
+
+            return jax.lax.while_loop(going, step, lane.path), metric_of(robot)
+
+        return jax.vmap(one, axis_name="lanes")(leaves, lanes)
+
+    # The lanes of a thread are its work; a second thread inside an operation would take it from the others.
+    return jax.jit(advance, compiler_options={"xla_cpu_multi_thread_eigen": False})

@@ -1,0 +1,195 @@
+"""What an energy term is.
+
+A term says what its energy is at a `Configuration`; automatic differentiation *of the term* does the rest.
+Terms that are evaluated often return their `Expansion` themselves: value, first and second derivatives.
+Either way it speaks about frames in spatial wrenches and stiffnesses, which are pulled back through the tree
+once for all terms together (`kinematics.pull_back`).
+"""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from exosight import lie
+from exosight.mechanics.kinematics import Motion, spread
+from exosight.mechanics.rod import Rod
+from exosight.mechanics.tree import Tree
+
+
+class Configuration(NamedTuple):
+    """What an energy may depend on.
+
+    q        (dofs,)             coordinates (radians, metres, dimensionless strains)
+    pose     (frames, 4, 4)      of the frames that the term asked for, local to world [m]
+    strain   (points, 6) a rod   by the rod's name [1/m; -]
+    """
+
+    q: Float[Array, " dofs"]
+    pose: Float[Array, "frames 4 4"]
+    strain: dict[str, Float[Array, "points 6"]]
+
+    @property
+    def position(self) -> Float[Array, "frames 3"]:
+        """Origins of the frames in the world [m]."""
+        return self.pose[:, :3, 3]
+
+
+class Expansion(NamedTuple):
+    """A term's energy and derivatives at one pose.
+
+    energy         ()                [J]
+    gradient       (dofs,)           by coordinates, without what acts through `wrench`
+    wrench         (frames, 6)       dΠ = Σ wrench_i · (spatial twist of frame i) [N m; N]
+    stiffness      (frames, 6, 6)    symmetric part of ∂wrench_i/∂(spatial twist of frame i)
+    hessian        (dofs, dofs)      by coordinates, without what acts through `wrench` and `stiffness`
+    load_energy    (loads,)          Λ = ∂Π/∂u [m, for a force]
+    load_gradient  (loads, dofs)     ∂∇Π/∂u
+    """
+
+    energy: Float[Array, ""]
+    gradient: Float[Array, " dofs"]
+    wrench: Float[Array, "frames 6"]
+    stiffness: Float[Array, "frames 6 6"]
+    hessian: Float[Array, "dofs dofs"]
+    load_energy: Float[Array, " loads"]
+    load_gradient: Float[Array, "loads dofs"]
+
+
+Bound = Callable[[Float[Array, " dofs"], Motion, Float[Array, " loads"]], Expansion]
+
+
+class Term(eqx.Module):
+    """An energy; give it an `energy`, or for speed a `bind`.
+
+    A term whose derivatives say nothing of what is just ahead (a gap says nothing of the contact behind it)
+    also has a `reach`; one that is scaled by loads says how many it needs.
+    """
+
+    @property
+    def loads(self) -> int:
+        """How many load channels there must be for this term: its channel's number + 1, or none."""
+        return 0
+
+    @property
+    def conservative(self) -> bool:
+        """Whether it has an energy; a follower force has none, and then `bind` gives its gradient alone."""
+        return True
+
+    def frames(self, tree: Tree) -> Sequence[int]:
+        """The frames whose poses `energy` looks at, as numbered by `tree.frame`; all by default."""
+        return range(tree.frames)
+
+    def energy(self, tree: Tree, at: Configuration, loads: Float[Array, " loads"]) -> Float[Array, ""]:
+        """The energy [J]; linear in the loads."""
+        raise NotImplementedError(f"{type(self).__name__} has neither energy nor bind")
+
+    def bind(self, tree: Tree) -> Bound:
+        """The function (q, motion, loads) -> Expansion on this tree; what q does not change is done here.
+
+        By default the derivatives of `energy`, to second order in the motion of its frames, by automatic
+        differentiation: as exact as by hand, and slower the more frames it looks at.
+        """
+        frames = np.array(self.frames(tree), int)
+
+        def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
+            jacobian, pose = motion.jacobian[frames], motion.pose[frames]
+
+            def value(step: Array, twist: Array, loads: Array) -> Array:
+                moved = lie.exp(jacobian @ step + twist) @ pose
+                strain = {
+                    body.name: motion.strain[body.name] + strain_columns(tree, body.name) @ step
+                    for body in tree.bodies
+                    if isinstance(body, Rod)
+                }
+                return self.energy(tree, Configuration(q + step, moved, strain), loads)
+
+            still, none = jnp.zeros_like(q), jnp.zeros((len(frames), 6))
+            energy, (gradient, wrench) = jax.value_and_grad(value, argnums=(0, 1))(still, none, loads)
+            by_load = jax.jacrev(lambda step, loads: value(step, none, loads), argnums=1)
+            through = jnp.einsum("fkq,fk->q", jacobian, wrench)
+            return zero(tree, loads)._replace(
+                energy=energy,
+                gradient=gradient - through,
+                wrench=on_frames(wrench, frames, tree.frames),
+                hessian=jax.hessian(value)(still, none, loads),
+                load_energy=by_load(still, loads),
+                load_gradient=jax.jacrev(by_load)(still, loads),
+            )
+
+        return expand
+
+    def reach(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
+        """The largest fraction of `step` from `motion` that the expansion there can be trusted for."""
+        return jnp.array(jnp.inf)
+
+
+def zero(tree: Tree, loads: Float[Array, " loads"]) -> Expansion:
+    """The expansion of no energy, for terms to replace what they have."""
+    n, channels = tree.dofs, loads.shape[0]
+    return Expansion(
+        energy=jnp.zeros(()),
+        gradient=jnp.zeros(n),
+        wrench=jnp.zeros((tree.frames, 6)),
+        stiffness=jnp.zeros((tree.frames, 6, 6)),
+        hessian=jnp.zeros((n, n)),
+        load_energy=jnp.zeros(channels),
+        load_gradient=jnp.zeros((channels, n)),
+    )
+
+
+def one_channel(values: Float[Array, "..."], channel: int, count: int) -> Float[Array, "count ..."]:
+    """An array over all load channels with `values` at one of them and zero elsewhere."""
+    none = jnp.zeros_like(values)
+    return jnp.stack([values if i == channel else none for i in range(count)])
+
+
+def on_frames(values: Float[Array, "some ..."], frames: np.ndarray, count: int) -> Float[Array, "count ..."]:
+    """Values of some frames, none twice, as an array over all frames with zero elsewhere."""
+    # A gather with one spare row of zeros: a scatter is many times slower on the CPU.
+    place = np.full(count, len(frames))
+    place[frames] = np.arange(len(frames))
+    return jnp.concatenate([values, jnp.zeros((1, *values.shape[1:]))])[place]
+
+
+def strain_columns(tree: Tree, name: str) -> Float[Array, "points 6 dofs"]:
+    """∂(strain)/∂q at the points of a rod; constant."""
+    rod = tree[name]
+    assert isinstance(rod, Rod)
+    functions = rod.functions(rod.quadrature.points) * rod.scale[:, None]
+    full = jnp.einsum("peq,ek->pkq", functions, np.eye(6)[list(rod.rows)])
+    own = tree.dof_slice(name)
+    return spread(full, tuple(range(own.start + rod.joint.dofs, own.stop)), tree.dofs)
+
+
+def point_wrench(
+    position: Float[Array, "*batch 3"], gradient: Float[Array, "*batch 3"]
+) -> Float[Array, "*batch 6"]:
+    """The spatial wrench (p × f, f) of f = ∂E/∂p at a point."""
+    return jnp.concatenate([jnp.cross(position, gradient), gradient], axis=-1)
+
+
+def point_stiffness(
+    position: Float[Array, "*batch 3"],
+    gradient: Float[Array, "*batch 3"],
+    hessian: Float[Array, "*batch 3 3"] | None = None,
+) -> Float[Array, "*batch 6 6"]:
+    """The spatial stiffness of an energy E(p) of a point: from f = ∂E/∂p and k = ∂²E/∂p² (none: zero).
+
+    A twist (ω, v) moves the point by v + ω × p: k on that, and ω · ((v + ω × p) × f), symmetrised.
+    """
+    p, f = lie.hat(position), lie.hat(gradient)
+    fp = f @ p
+    turn, mixed = 0.5 * (fp + jnp.swapaxes(fp, -1, -2)), -0.5 * f
+    if hessian is None:
+        slide = jnp.zeros_like(turn)
+    else:
+        pk = p @ hessian
+        turn, mixed, slide = turn - pk @ p, mixed + pk, hessian
+    upper = jnp.concatenate([turn, mixed], axis=-1)
+    lower = jnp.concatenate([jnp.swapaxes(mixed, -1, -2), slide], axis=-1)
+    return jnp.concatenate([upper, lower], axis=-2)
