@@ -31,6 +31,7 @@ from exosight.mechanics.quadrature import Gauss
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.section import Circular, Elliptic, Rectangular
+from exosight.mechanics.sensitivity import differentiable
 from exosight.mechanics.term import Configuration, Term
 
 __all__ = [
@@ -61,6 +62,7 @@ __all__ = [
     "Spherical",
     "Term",
     "Universal",
+    "differentiable",
     "follow",
     "potential",
     "stack",
