@@ -1,0 +1,207 @@
+"""Motion in time, many robots at a time.
+
+The same energies as in statics, with inertia and viscosity, in implicit steps of fourth order (`timestep`)
+that follow a tolerance.
+"""
+
+import os
+from collections.abc import Callable, Hashable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from exosight.arrays import AnyArray
+from exosight.errors import InputError
+from exosight.mechanics.robot import Robot
+from exosight.mechanics.rod import Rod
+from exosight.mechanics.timestep import Leg, Way, begin, next_step, stepper
+
+
+@dataclass(frozen=True)
+class MotionOptions:
+    """How finely a motion is computed.
+
+    tolerance   [m]  error of one step, as the root mean square displacement of the robot's mass
+    step        [s]  a fixed step instead, shortened only where Newton's method needs it; the tolerance then
+                     bounds the error of that alone
+    max_steps        steps between two reported times before a robot is given up
+    lanes            robots stepped side by side in one compiled call
+    """
+
+    tolerance: float = 1e-6
+    step: float | None = None
+    max_steps: int = 10_000
+    lanes: int = 8
+
+    def __post_init__(self) -> None:
+        step = 1.0 if self.step is None else self.step
+        if not (0 < self.tolerance < np.inf and 0 < step < np.inf and self.max_steps > 0 and self.lanes > 0):
+            raise InputError(f"motion: expected finite tolerance, step, max_steps, lanes above 0, got {self}")
+
+
+class Trajectories(eqx.Module):
+    """What moved where; every field but `time` may carry leading batch dimensions.
+
+    time         (times,)        [s]
+    q, velocity  (times, dofs)   coordinates, and their rates [1/s]
+    kinetic      (times,)        kinetic energy [J]
+    potential    (times,)        potential energy Π at that time's loads [J]
+    dissipated   (times,)        what viscosity took since the first time [J]
+    supplied     (times,)        what changing loads gave since then, ∫ ∂Π/∂u · du [J]
+    steps        (times,)        steps taken since then
+    rejected     (times,)        steps tried and taken back since then
+    converged    (times,)        this time was reached; if not, the other fields are from where it gave up
+
+    kinetic + potential + dissipated − supplied is constant, but for the error of the steps and what forces
+    without a potential do.
+    """
+
+    time: Float[AnyArray, " times"]
+    q: Float[AnyArray, "*batch times dofs"]
+    velocity: Float[AnyArray, "*batch times dofs"]
+    kinetic: Float[AnyArray, "*batch times"]
+    potential: Float[AnyArray, "*batch times"]
+    dissipated: Float[AnyArray, "*batch times"]
+    supplied: Float[AnyArray, "*batch times"]
+    steps: Int[AnyArray, "*batch times"]
+    rejected: Int[AnyArray, "*batch times"]
+    converged: Bool[AnyArray, "*batch times"]
+
+
+def evolve(
+    robots: Sequence[Robot],
+    times: Float[np.ndarray, " times"],
+    loads: Float[np.ndarray, "times channels"] | None = None,
+    *,
+    q: Float[np.ndarray, "robots dofs"] | None = None,
+    velocity: Float[np.ndarray, "robots dofs"] | None = None,
+    options: MotionOptions = MotionOptions(),
+    done: Callable[[int], None] = lambda robots: None,
+) -> Trajectories:
+    """The motion of each robot, reported at given times.
+
+    robots     robots of one structure (same bodies, bases, points and terms)
+    times      (times,)            [s], ascending; the first is when the motion starts
+    loads      (times, channels)   u of each term's channel [N] at these times, linear in between; none by default
+    q          (robots, dofs)      where the motion starts; the unstrained pose by default
+    velocity   (robots, dofs)      and how fast [1/s]; at rest by default
+    done       called with the number of robots finished, as they finish
+    returns    Trajectories with batch shape (robots,)
+
+    A robot whose motion cannot be continued says so in `converged` and stays where it is. Compiled once a
+    structure and number of lanes. Raises InputError for what does not fit, and for a robot that has a
+    coordinate which moves no mass.
+
+    Fourth order in the step. Vibrations much faster than the step are damped out (L-stable), those that the
+    tolerance resolves keep their energy to within it. Contact and other forces with kinks cost smaller steps
+    where they close; a tunnelling contact is guarded against by ending a step where the first open pair would
+    close. A free or ball joint is singular at a full turn: the robot fails there.
+    """
+    times, loads, starts = _checked(robots, times, loads, q, velocity)
+    lanes = min(options.lanes, 1 << (len(robots) - 1).bit_length())
+    groups = [range(i, min(i + lanes, len(robots))) for i in range(0, len(robots), lanes)]
+    stopped = []
+
+    def work(group: range) -> list[Way]:
+        rows = [group[min(i, len(group) - 1)] for i in range(lanes)]
+        leaves = [np.stack(parts) for parts in zip(*(_leaves(robots[i]) for i in rows), strict=True)]
+        ways = [begin(times[0], *starts[:, i], loads.shape[1]) for i in rows]
+        state = jax.tree.map(lambda *parts: np.stack(parts), *ways)
+        advance = _compiled(jax.tree.structure(robots[0]), options.step is not None)
+        largest = np.inf if options.step is None else options.step
+        found = []
+        for k, until in enumerate(times):
+            at = max(k - 1, 0)  # at the first time, only the acceleration and the energies are found
+            leg = Leg(times[at], times[at + 1], loads[at], loads[at + 1])
+            state = advance(leaves, state, leg, until, options.tolerance, largest, options.max_steps)
+            found.append(jax.tree.map(np.asarray, state))
+            if stopped:
+                break
+        done(len(group))
+        return jax.tree.map(lambda *parts: np.stack(parts, axis=1)[: len(group)], *found)
+
+    with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, len(groups))) as pool:
+        try:
+            parts = [future.result() for future in [pool.submit(work, group) for group in groups]]
+        except BaseException:  # Ctrl-C too: the pool waits for its threads
+            stopped.append(True)
+            raise
+    way = jax.tree.map(lambda *parts: np.concatenate(parts), *parts)
+    return Trajectories(
+        time=times,
+        q=way.q,
+        velocity=way.v,
+        kinetic=way.kinetic,
+        potential=way.potential,
+        dissipated=way.dissipated,
+        supplied=way.supplied,
+        steps=way.steps,
+        rejected=way.rejected,
+        converged=~way.failed,
+    )
+
+
+def _checked(
+    robots: Sequence[Robot],
+    times: Float[np.ndarray, " times"],
+    loads: Float[np.ndarray, "times channels"] | None,
+    q: Float[np.ndarray, "robots dofs"] | None,
+    velocity: Float[np.ndarray, "robots dofs"] | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Times, loads, and starts (q and velocity); InputError for what cannot be moved."""
+    if not robots:
+        raise InputError("robots: expected at least one, got none")
+    if any(jax.tree.structure(robot) != jax.tree.structure(robots[0]) for robot in robots):
+        raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
+    times = np.asarray(times, dtype=float)
+    if times.ndim != 1 or len(times) < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
+        raise InputError("times: expected at least two finite, ascending times [s]")
+    needed = robots[0].loads
+    loads = np.zeros((len(times), 0)) if loads is None else np.asarray(loads, dtype=float)
+    if loads.ndim != 2 or len(loads) != len(times) or not np.all(np.isfinite(loads)):
+        raise InputError(
+            f"loads: expected finite numbers of shape ({len(times)}, channels), one row a time, got {loads.shape}"
+        )
+    if loads.shape[1] < needed:
+        raise InputError(f"loads: the robot's terms need {needed} channels, got {loads.shape[1]}")
+    shape = (len(robots), robots[0].dofs)
+    starts = [np.zeros(shape) if x is None else np.asarray(x, dtype=float) for x in (q, velocity)]
+    for name, start in zip(("q", "velocity"), starts, strict=True):
+        if start.shape != shape or not np.all(np.isfinite(start)):
+            raise InputError(f"{name}: expected finite numbers of shape {shape}, got {start.shape}")
+    return times, loads, np.stack(starts)
+
+
+def _leaves(robot: Robot) -> list[np.ndarray]:
+    return [np.asarray(leaf) for leaf in jax.tree.leaves(robot)]
+
+
+@lru_cache(maxsize=64)
+def _compiled(structure: Hashable, fixed: bool) -> Callable:
+    """The function that brings every lane to the end of a leg."""
+
+    def one(
+        leaves: list[Array], way: Way, leg: Leg, until: Array, tolerance: Array, largest: Array, most: Array
+    ) -> Way:
+        robot = jax.tree.unflatten(structure, leaves)
+        step = stepper(robot, leg, tolerance, largest, adaptive=not fixed)
+        limit = way.steps + way.rejected + most
+
+        def going(way: Way) -> Array:
+            return ((way.time < until) | (way.stage == 0)) & ~way.failed
+
+        def further(way: Way) -> Way:
+            way = step(way)
+            return way._replace(failed=way.failed | (way.steps + way.rejected >= limit) & (way.time < until))
+
+        way = way._replace(step=next_step(way.time, jnp.minimum(way.wanted, largest), way.touch, leg))
+        return jax.lax.while_loop(going, further, way)
+
+    batched = jax.vmap(one, in_axes=(0, 0, None, None, None, None, None))
+    return jax.jit(batched, compiler_options={"xla_cpu_multi_thread_eigen": False})
