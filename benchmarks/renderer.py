@@ -1,11 +1,10 @@
 """How many pictures a second one core renders: `python -m benchmarks.renderer`."""
 
-import platform
 import time
-from pathlib import Path
 
 import numpy as np
 
+from exosight.app.bench import cpu_name
 from exosight.vision import Camera, Tube, render
 
 FRAMES, REPEATS = 1000, 9
@@ -46,14 +45,6 @@ def run() -> dict:
         "bodies": len(tubes),
         "frames_per_second": round(FRAMES / float(np.median(seconds))),
     }
-
-
-def cpu_name() -> str:
-    """The processor's name as the system tells it."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor() or platform.machine()
 
 
 if __name__ == "__main__":

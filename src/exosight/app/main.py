@@ -1,4 +1,4 @@
-"""The command line: `exosight simulate | generate | train | evaluate | control | study`.
+"""The command line: `exosight simulate | generate | train | …`.
 
 Whatever a user can do wrong ends in one sentence on stderr and exit code 2.
 """
@@ -22,6 +22,7 @@ COMMANDS = {
     "evaluate": "a network judged beside the paper's",
     "control": "the closed loop, with a network or the true force as sensor",
     "study": "all of it, from simulation to one report",
+    "bench": "how many equilibria a second this machine solves",
 }
 
 HELP = f"""exosight {__version__}: contact forces of a soft finger exosuit from a camera image

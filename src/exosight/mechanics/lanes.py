@@ -93,6 +93,9 @@ def run(
 
     # Compiled calls release Python's lock, so one thread a core keeps every core busy.
     workers = min(_cores(), -(-len(jobs) // lanes))
+    if workers == 1:
+        work()
+        return [_joined(parts) for parts in results]
     with ThreadPoolExecutor(max_workers=workers) as pool:
         try:
             for future in [pool.submit(work) for _ in range(workers)]:

@@ -1,0 +1,59 @@
+"""`exosight bench`: how fast equilibria are solved here."""
+
+from dataclasses import asdict
+from typing import Annotated
+
+from pydantic import Field
+
+from exosight.app.commands.options import Json
+from exosight.app.console import check_json_target, progress, show, write_json
+from exosight.evaluation.tables import Column, Table
+
+UNITS = {
+    "seconds": "s",
+    "equilibria_per_second": "1/s",
+    "microseconds_per_iteration": "µs",
+    "matrix_product_rate": "Gflop/s",
+    "resolve_milliseconds": "ms",
+    "first_call_seconds": "s",
+    "cached_call_seconds": "s",
+    "memory": "MiB",
+}
+
+
+def bench(
+    per_scenario: Annotated[int, Field(ge=1, le=125)] = 10,
+    json: Json = None,
+) -> None:
+    """Measure how many equilibria a second this machine solves, and how far its arithmetic would let it go.
+
+    Exosuits of all eleven scenarios, each driven 0 → 4 N in 51 loads, as in the paper's dataset (--per-scenario
+    125 is its size). Run it alone: another load on the machine makes the numbers worthless.
+
+    Examples:
+      exosight bench
+      exosight bench --per-scenario 125 --json bench.json
+
+    Args:
+        per_scenario: shapes of each of the eleven scenarios
+        json: write the numbers as JSON to a new file, or to stdout with "-"
+    """
+    check_json_target(json)
+    # Here, so that --help and wrong options answer at once: JAX takes a second to import.
+    from exosight.app.bench import bench as run
+
+    with progress("measuring", "steps") as update:
+        found = asdict(run(per_scenario, update))
+    if json is not None:
+        write_json(found, json)
+        return
+    rows = tuple(
+        (
+            name.replace("_", " "),
+            f"{value:.4g}" if isinstance(value, float) else str(value),
+            UNITS.get(name, ""),
+        )
+        for name, value in found.items()
+    )
+    columns = (Column("quantity"), Column("value"), Column("unit"))
+    show(Table("bench", "Equilibria of the worn exosuit", columns, rows))
