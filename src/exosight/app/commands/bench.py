@@ -27,8 +27,8 @@ def bench(
 ) -> None:
     """Measure how many equilibria a second this machine solves, and how far its arithmetic would let it go.
 
-    Exosuits of all eleven scenarios, each driven 0 → 4 N in 51 loads, as in the paper's dataset (--per-scenario
-    125 is its size). Run it alone: another load on the machine makes the numbers worthless.
+    Exosuits of all eleven scenarios, each driven 0 → 4 N in 51 loads; --per-scenario 125 is the size of the
+    paper's dataset. Run it alone: another load on the machine makes the numbers worthless.
 
     Examples:
       exosight bench
@@ -47,13 +47,9 @@ def bench(
     if json is not None:
         write_json(found, json)
         return
-    rows = tuple(
-        (
-            name.replace("_", " "),
-            f"{value:.4g}" if isinstance(value, float) else str(value),
-            UNITS.get(name, ""),
-        )
-        for name, value in found.items()
-    )
+    rows = []
+    for name, value in found.items():
+        words = f"{value:.4g}" if isinstance(value, float) else str(value)
+        rows.append((name.replace("_", " "), words, UNITS.get(name, "")))
     columns = (Column("quantity"), Column("value"), Column("unit"))
-    show(Table("bench", "Equilibria of the worn exosuit", columns, rows))
+    show(Table("bench", "Equilibria of the worn exosuit", columns, tuple(rows)))
