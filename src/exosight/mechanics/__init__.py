@@ -9,7 +9,17 @@ equilibrium                  stable minima of the energy, followed along a load 
 """
 
 from exosight.mechanics.actuation import PressureLine
-from exosight.mechanics.basis import Legendre, NodalQuadratic
+from exosight.mechanics.basis import (
+    Chebyshev,
+    Fourier,
+    Gaussian,
+    Hermite,
+    Legendre,
+    Monomial,
+    NodalCubic,
+    NodalLinear,
+    NodalQuadratic,
+)
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.energy import potential
 from exosight.mechanics.equilibrium import Equilibria, SolverOptions, follow, stack
@@ -18,6 +28,7 @@ from exosight.mechanics.joint import (
     Fixed,
     Free,
     Helical,
+    Joint,
     Planar,
     Prismatic,
     Revolute,
@@ -30,11 +41,12 @@ from exosight.mechanics.loads import DeadForce, Gravity
 from exosight.mechanics.quadrature import Gauss
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.section import Circular, Elliptic, Rectangular
+from exosight.mechanics.section import Circular, Elliptic, Rectangular, Section
 from exosight.mechanics.sensitivity import differentiable
 from exosight.mechanics.term import Configuration, Term
 
 __all__ = [
+    "Chebyshev",
     "Circular",
     "Configuration",
     "Cylindrical",
@@ -42,13 +54,20 @@ __all__ = [
     "Elliptic",
     "Equilibria",
     "Fixed",
+    "Fourier",
     "Free",
     "Gauss",
+    "Gaussian",
     "Gravity",
     "Helical",
+    "Hermite",
+    "Joint",
     "Legendre",
     "Link",
+    "Monomial",
     "Motion",
+    "NodalCubic",
+    "NodalLinear",
     "NodalQuadratic",
     "Planar",
     "PressureLine",
@@ -57,6 +76,7 @@ __all__ = [
     "Revolute",
     "Robot",
     "Rod",
+    "Section",
     "SolverOptions",
     "SphereContact",
     "Spherical",

@@ -61,9 +61,18 @@ class Joint(eqx.Module):
         limit_stiffness: PerCoordinate = 0.0,
         damping: PerCoordinate = 0.0,
     ) -> None:
-        """Raises InputError for a number that is negative or infinite, an empty range, or a wrong count."""
-        self.twists = tuple(tuple(tuple(map(float, twist)) for twist in group) for group in twists)
+        """Raises InputError for twists that are no twists or do not differ, a number that is negative or
+        infinite, an empty range, or a wrong count.
+        """
         name = type(self).__name__
+        self.twists = tuple(tuple(tuple(map(float, twist)) for twist in group) for group in twists)
+        for group in self.twists:
+            if any(len(twist) != 6 or not np.all(np.isfinite(twist)) for twist in group):
+                raise InputError(
+                    f"{name} twists: expected six finite numbers each, angular first, got {group}"
+                )
+            if np.linalg.matrix_rank(np.array(group)) < len(group):
+                raise InputError(f"{name} twists: expected directions that differ in a group, got {group}")
         for what, value in (
             ("stiffness", stiffness),
             ("damping", damping),
@@ -81,6 +90,11 @@ class Joint(eqx.Module):
                 f"{name} limits: expected lower < upper, one pair or {self.dofs} of them, got {limits}"
             )
         ranges = np.broadcast_to(ranges, (self.dofs, 2))
+        if np.any(np.isfinite(ranges).any(axis=1) & (np.asarray(self.limit_stiffness) == 0)):
+            raise InputError(
+                f"{name} limits: a range without limit_stiffness holds nothing back; give it above 0 N m/rad "
+                "or N/m"
+            )
         self.lower, self.upper = jnp.asarray(ranges[:, 0]), jnp.asarray(ranges[:, 1])
 
     @property
@@ -140,8 +154,8 @@ class Cylindrical(Joint):
 class Planar(Joint):
     """It turns about `normal` [rad] and slides along two directions across it [m], all in one exponential.
 
-    The directions are the two of the joint's axes after the normal's largest component, made square to it:
-    z and x for the normal y.
+    Singular at a full turn, where sliding leads nowhere. The directions are the two of the joint's axes after
+    the normal's largest component, made square to it: z and x for the normal y.
     """
 
     def __init__(self, normal: Axis = Y, **springs: Unpack[Springs]) -> None:
@@ -169,9 +183,10 @@ class Universal(Joint):
         second: Axis = Z,
         **springs: Unpack[Springs],
     ) -> None:
+        hinges = [[_turn(first)], [_turn(second)]]
         if abs(np.dot(first, second)) > 1 - 1e-9:
             raise InputError(f"Universal axes: expected two directions, got {first} and {second}")
-        super().__init__([[_turn(first)], [_turn(second)]], **springs)
+        super().__init__(hinges, **springs)
 
 
 class Free(Joint):
