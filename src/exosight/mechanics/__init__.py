@@ -4,11 +4,12 @@ basis, quadrature, section   what a rod is made of: strain functions, points, st
 joint, link, rod, robot      the parts and their tree
 kinematics                   the one walk down the tree: poses, Jacobians, and the way back
 energy                       what an energy term is, and the terms of rods, joints and weight
-contact, actuation           spheres that press on each other; pressure along a line
+contact, actuation           spheres that press on each other; pressure and cables along a line
+loads, bushing               weight, wrenches, spread forces, torques; springs between frames that close loops
 equilibrium                  stable minima of the energy, followed along a load path
 """
 
-from exosight.mechanics.actuation import PressureLine
+from exosight.mechanics.actuation import PressureLine, helix, straight
 from exosight.mechanics.basis import (
     Chebyshev,
     Fourier,
@@ -20,6 +21,7 @@ from exosight.mechanics.basis import (
     NodalLinear,
     NodalQuadratic,
 )
+from exosight.mechanics.bushing import Bushing
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.energy import potential
 from exosight.mechanics.equilibrium import Equilibria, SolverOptions, follow, stack
@@ -37,20 +39,23 @@ from exosight.mechanics.joint import (
 )
 from exosight.mechanics.kinematics import Motion, walk
 from exosight.mechanics.link import Link
-from exosight.mechanics.loads import DeadForce, Gravity
+from exosight.mechanics.loads import DeadForce, DistributedForce, Gravity, JointTorque, PointWrench
 from exosight.mechanics.quadrature import Gauss
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.section import Circular, Elliptic, Rectangular, Section
 from exosight.mechanics.sensitivity import differentiable
+from exosight.mechanics.snap import Snap, locate_snaps
 from exosight.mechanics.term import Configuration, Term
 
 __all__ = [
+    "Bushing",
     "Chebyshev",
     "Circular",
     "Configuration",
     "Cylindrical",
     "DeadForce",
+    "DistributedForce",
     "Elliptic",
     "Equilibria",
     "Fixed",
@@ -62,6 +67,7 @@ __all__ = [
     "Helical",
     "Hermite",
     "Joint",
+    "JointTorque",
     "Legendre",
     "Link",
     "Monomial",
@@ -70,6 +76,7 @@ __all__ = [
     "NodalLinear",
     "NodalQuadratic",
     "Planar",
+    "PointWrench",
     "PressureLine",
     "Prismatic",
     "Rectangular",
@@ -77,6 +84,7 @@ __all__ = [
     "Robot",
     "Rod",
     "Section",
+    "Snap",
     "SolverOptions",
     "SphereContact",
     "Spherical",
@@ -84,7 +92,10 @@ __all__ = [
     "Universal",
     "differentiable",
     "follow",
+    "helix",
+    "locate_snaps",
     "potential",
     "stack",
+    "straight",
     "walk",
 ]

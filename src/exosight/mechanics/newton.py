@@ -88,10 +88,14 @@ def begin(q: Float[np.ndarray, " dofs"], room: int, channels: int) -> Path:
 
 
 def metric_of(robot: Robot) -> Float[Array, "dofs dofs"]:
-    """The elastic stiffness; a coordinate without any (a joint without a spring) weighs as the mean."""
+    """The elastic stiffness; a coordinate without any (a joint without a spring) weighs as the mean.
+
+    Where there is no stiffness at all, as in a chain held by weights alone, it is 1 N m/rad or N/m.
+    """
     elastic = stiffness(robot)
     own = jnp.diag(elastic)
-    return elastic + jnp.diag(jnp.where(own > 0, 1e-9 * own, jnp.mean(own)))
+    mean = jnp.mean(own)
+    return elastic + jnp.diag(jnp.where(own > 0, 1e-9 * own, jnp.where(mean > 0, mean, 1.0)))
 
 
 def stepper(
