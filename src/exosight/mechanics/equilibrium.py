@@ -182,12 +182,13 @@ def _unlike_its_tangents(
     segment between both tangents times the change of load.
     """
     before = np.maximum(source, 0)
+    both = path.converged & path.converged[before] & (source >= 0)
+    # A pose that is not stable has no tangent; its row only has to be solvable.
+    hessians = np.where(path.converged[:, None, None], path.hessians, np.eye(len(metric)))
     change = (loads - loads[before])[:, :, None]
     moved = path.found - path.found[before]
     ends = [
-        -np.linalg.solve(path.hessians[at], np.sum(change * path.load_gradients[at], axis=1)[:, :, None])[
-            ..., 0
-        ]
+        -np.linalg.solve(hessians[at], np.sum(change * path.load_gradients[at], axis=1)[:, :, None])[..., 0]
         for at in (before, slice(None))
     ]
     factor = np.linalg.cholesky(metric)
@@ -197,7 +198,6 @@ def _unlike_its_tangents(
     nearest = first + np.clip(along, 0, 1)[:, None] * span
     off = np.linalg.norm(moved - nearest, axis=1)
     allowed = 0.5 * np.maximum(np.linalg.norm(first, axis=1), np.linalg.norm(last, axis=1))
-    both = path.converged & path.converged[before] & (source >= 0)
     return both & (path.bumps | (off > allowed + 1e-3 * _size(metric, np.asarray(path.found))))
 
 

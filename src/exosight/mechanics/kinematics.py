@@ -130,13 +130,16 @@ class Motion(eqx.Module):
         for body in self.bodies:
             own = np.flatnonzero((start <= frames) & (frames < start + len(body.pose)))
             if own.size:
-                at = frames[own] - start
+                at: np.ndarray | slice = frames[own] - start
+                if np.array_equal(at, np.arange(at[0], at[0] + len(at))):
+                    at = slice(at[0], at[0] + len(at))  # a slice costs nothing, a gather a copy
                 columns = at_points(body.jacobian[at], body.pose[at, :3, 3])
                 pieces.append(spread(columns, tuple(moving.index(i) for i in body.moving), len(moving)))
                 places.append(own)
             start += len(body.pose)
         order = np.argsort(np.concatenate(places))
-        return jnp.concatenate(pieces)[order]
+        whole = jnp.concatenate(pieces)
+        return whole if np.array_equal(order, np.arange(len(order))) else whole[order]
 
     def twist(self, step: Float[Array, " dofs"]) -> Float[Array, "frames 6"]:
         """Spatial twist of every frame for a step of the coordinates."""
