@@ -46,14 +46,15 @@ def run(
     jobs: Sequence[Job],
     tolerance: float,
     max_iterations: int,
-    lanes: int,
+    lanes: int | None = None,
     done: Callable[[int], None] = lambda jobs: None,
 ) -> list[Solved]:
     """Each job's finished path, and its robot's metric; all robots of one structure.
 
     done   called with the number of jobs finished, as they finish
     """
-    lanes = min(lanes, _power_of_two(len(jobs)))
+    on_cpu = jax.default_backend() == "cpu"
+    lanes = min(lanes or (8 if on_cpu else 2048), _power_of_two(len(jobs)))
     advance = _compiled(jax.tree.structure(jobs[0].robot))
     leaves = [[np.asarray(leaf) for leaf in jax.tree.leaves(job.robot)] for job in jobs]
     queue = _Queue(len(jobs))
@@ -92,7 +93,7 @@ def run(
                     into[at] = row
 
     # Compiled calls release Python's lock, so one thread a core keeps every core busy.
-    workers = min(_cores(), -(-len(jobs) // lanes))
+    workers = min(_cores(), -(-len(jobs) // lanes)) if on_cpu else 1
     if workers == 1:
         work()
         return [_joined(parts) for parts in results]
