@@ -1,4 +1,4 @@
-"""Sections, joints, links, rods and the tree: closed forms of stiffness and mass, and what is refused."""
+"""Links, rods and the tree: closed forms of stiffness and mass, and what is refused."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +12,6 @@ from exosight.mechanics import (
     Link,
     NodalQuadratic,
     PressureLine,
-    Revolute,
     Robot,
     Rod,
 )
@@ -25,18 +24,6 @@ def make_rod(**changes: object) -> Rod:
     given = {"length": 0.1, "section": Circular(jnp.full(POINTS.size, 0.005)), "young": 3e5}
     fixed = {"strains": {"bend_y": NodalQuadratic(5), "stretch_x": Legendre(0)}, "quadrature": POINTS}
     return Rod("rod", **(given | fixed | changes))
-
-
-def test_section_of_a_round_bar() -> None:
-    """(G·2I, E·I, E·I, E·A, G·A, G·A) with A = πr², I = πr⁴/4, G = E/2(1 + ν)."""
-    r, young, poisson = 0.01, 1e6, 0.25
-    area, moment, shear = np.pi * r**2, np.pi * r**4 / 4, young / 2.5
-    expected = [2 * shear * moment, *[young * moment] * 2, young * area, *[shear * area] * 2]
-    section = Circular(np.array([r]))
-    np.testing.assert_allclose(
-        section.stiffness(jnp.array(young), jnp.array(poisson))[0], expected, rtol=1e-14
-    )
-    np.testing.assert_allclose(section.rotary()[0], [2 * moment, moment, moment], rtol=1e-14)
 
 
 def test_energy_of_uniform_bending_and_stretching_of_a_taper() -> None:
@@ -84,20 +71,6 @@ def test_strains_keep_one_order_however_they_are_named() -> None:
 def test_impossible_rods_are_refused(changes: dict, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
         make_rod(**changes)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        ({"axis": (0.0, 1.0, 1.0)}, "expected a unit vector"),
-        ({"stiffness": -1.0}, "stiffness: expected"),
-        ({"stiffness": float("nan")}, "stiffness: expected"),
-        ({"limits": (1.0, -1.0)}, "expected lower < upper"),
-    ],
-)
-def test_impossible_hinges_are_refused(arguments: dict, sentence: str) -> None:
-    with pytest.raises(InputError, match=sentence):
-        Revolute(**arguments)
 
 
 def test_impossible_trees_are_refused() -> None:
