@@ -35,14 +35,14 @@ class Steps(eqx.Module):
     first       first coordinate (static)
     basis       (steps, local, size)   constant numbers
     columns     (steps, 6, local)      spatial columns by local variable: S = columns · basis
-    middle      (steps, 6, moving)     mean of the body's Jacobians before and after the step
+    before      (steps, 6, moving)     the body's Jacobian where the step starts
     curvature   (steps, local, local)  symmetric; at wrench w: see `_curvature`, bound to the pose
     """
 
     first: int = eqx.field(static=True)
     basis: np.ndarray
     columns: Float[Array, "steps 6 local"]
-    middle: Float[Array, "steps 6 moving"]
+    before: Float[Array, "steps 6 moving"]
     curvature: "Curvature"
 
     @property
@@ -238,9 +238,10 @@ def pull_back(
             beyond_w = _sums_from_the_end(w[1:], below_w) if is_rod else all_w[None]
             beyond_k = _sums_from_the_end(k[1:], below_k) if is_rod else all_k[None]
             across = jnp.swapaxes(step.columns, 1, 2)
-            inside = (across @ (beyond_k + 0.5 * lie.coad(beyond_w))) @ step.middle  # (steps, local, moving)
+            through = across @ (beyond_k + 0.5 * lie.coad(beyond_w))  # (steps, local, 6)
+            inside = through @ step.before  # (steps, local, moving)
             local = across @ beyond_w[:, :, None]
-            curved = 0.5 * _curvature(step.curvature, beyond_w) @ step.basis
+            curved = 0.5 * (through @ step.columns + _curvature(step.curvature, beyond_w)) @ step.basis
             start = at.moving.index(step.first)
             inside = inside.at[:, :, start : start + step.size].add(curved)
             flat = jnp.asarray(step.basis.reshape(-1, step.size))
@@ -271,7 +272,7 @@ def _joint_step(
         first=first,
         basis=np.eye(size)[None],
         columns=columns[None],
-        middle=0.5 * (jacobian + after)[None],
+        before=jacobian[None],
         curvature=Curvature(twist[None], g[None], jnp.asarray(axes)[None], None, ()),
     )
     return step, g @ lie.exp(twist), after
@@ -318,7 +319,7 @@ def _rod_steps(
         first=first,
         basis=basis,
         columns=columns,
-        middle=0.5 * (jacobians[:-1] + jacobians[1:]),
+        before=jacobians[:-1],
         curvature=Curvature(twist, pose[:-1], dtwist, bracket[:, None, None] * scale[:, None] * scale, rows),
     )
     return steps, pose, jacobians, strain
