@@ -7,6 +7,7 @@ energy                       what an energy term is, and the terms of rods, join
 contact, actuation           spheres that press on each other; pressure and cables along a line
 loads, bushing               weight, wrenches, spread forces, torques; springs between frames that close loops
 equilibrium                  stable minima of the energy, followed along a load path
+dynamics                     motion in time under the same energies
 """
 
 from exosight.mechanics.actuation import PressureLine, helix, straight
@@ -23,6 +24,7 @@ from exosight.mechanics.basis import (
 )
 from exosight.mechanics.bushing import Bushing
 from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.dynamics import MotionOptions, Trajectories, evolve
 from exosight.mechanics.energy import potential
 from exosight.mechanics.equilibrium import Equilibria, SolverOptions, follow, stack
 from exosight.mechanics.joint import (
@@ -72,6 +74,7 @@ __all__ = [
     "Link",
     "Monomial",
     "Motion",
+    "MotionOptions",
     "NodalCubic",
     "NodalLinear",
     "NodalQuadratic",
@@ -89,8 +92,10 @@ __all__ = [
     "SphereContact",
     "Spherical",
     "Term",
+    "Trajectories",
     "Universal",
     "differentiable",
+    "evolve",
     "follow",
     "helix",
     "locate_snaps",

@@ -19,7 +19,6 @@ from jaxtyping import Array, Bool, Float, Int
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.robot import Robot
-from exosight.mechanics.rod import Rod
 from exosight.mechanics.timestep import Leg, Way, begin, next_step, stepper
 
 
@@ -27,14 +26,15 @@ from exosight.mechanics.timestep import Leg, Way, begin, next_step, stepper
 class MotionOptions:
     """How finely a motion is computed.
 
-    tolerance   [m]  error of one step, as the root mean square displacement of the robot's mass
+    tolerance   [m]  error of one step, as the root mean square displacement of the robot's mass: that of the
+                     poses, and that of the velocities times the step
     step        [s]  a fixed step instead, shortened only where Newton's method needs it; the tolerance then
                      bounds the error of that alone
     max_steps        steps between two reported times before a robot is given up
     lanes            robots stepped side by side in one compiled call
     """
 
-    tolerance: float = 1e-6
+    tolerance: float = 1e-7
     step: float | None = None
     max_steps: int = 10_000
     lanes: int = 8
@@ -77,7 +77,7 @@ class Trajectories(eqx.Module):
 def evolve(
     robots: Sequence[Robot],
     times: Float[np.ndarray, " times"],
-    loads: Float[np.ndarray, "times channels"] | None = None,
+    loads: Float[np.ndarray, "rows channels"] | None = None,
     *,
     q: Float[np.ndarray, "robots dofs"] | None = None,
     velocity: Float[np.ndarray, "robots dofs"] | None = None,
@@ -88,7 +88,7 @@ def evolve(
 
     robots     robots of one structure (same bodies, bases, points and terms)
     times      (times,)            [s], ascending; the first is when the motion starts
-    loads      (times, channels)   u of each term's channel [N] at these times, linear in between; none by default
+    loads      (times, channels)   u of each term's channel [N] then, linear in between; none by default
     q          (robots, dofs)      where the motion starts; the unstrained pose by default
     velocity   (robots, dofs)      and how fast [1/s]; at rest by default
     done       called with the number of robots finished, as they finish
@@ -98,20 +98,20 @@ def evolve(
     structure and number of lanes. Raises InputError for what does not fit, and for a robot that has a
     coordinate which moves no mass.
 
-    Fourth order in the step. Vibrations much faster than the step are damped out (L-stable), those that the
-    tolerance resolves keep their energy to within it. Contact and other forces with kinks cost smaller steps
-    where they close; a tunnelling contact is guarded against by ending a step where the first open pair would
-    close. A free or ball joint is singular at a full turn: the robot fails there.
+    Fourth order in the step: each of ωh radians shifts the phase of a vibration by (ωh)⁵/1200 and takes
+    (ωh)⁶/18000 of its energy; vibrations much faster than the steps are damped out. Contacts and other forces
+    with kinks cost smaller steps; a step ends where the first open pair would close at the speed it starts
+    with. A free, ball or planar joint is singular at a full turn: the robot fails there.
     """
     times, loads, starts = _checked(robots, times, loads, q, velocity)
     lanes = min(options.lanes, 1 << (len(robots) - 1).bit_length())
     groups = [range(i, min(i + lanes, len(robots))) for i in range(0, len(robots), lanes)]
     stopped = []
 
-    def work(group: range) -> list[Way]:
+    def work(group: range) -> Way:
         rows = [group[min(i, len(group) - 1)] for i in range(lanes)]
         leaves = [np.stack(parts) for parts in zip(*(_leaves(robots[i]) for i in rows), strict=True)]
-        ways = [begin(times[0], *starts[:, i], loads.shape[1]) for i in rows]
+        ways = [begin(times[0], starts[0, i], starts[1, i], loads.shape[1]) for i in rows]
         state = jax.tree.map(lambda *parts: np.stack(parts), *ways)
         advance = _compiled(jax.tree.structure(robots[0]), options.step is not None)
         largest = np.inf if options.step is None else options.step
@@ -121,6 +121,12 @@ def evolve(
             leg = Leg(times[at], times[at + 1], loads[at], loads[at + 1])
             state = advance(leaves, state, leg, until, options.tolerance, largest, options.max_steps)
             found.append(jax.tree.map(np.asarray, state))
+            if not k and np.any(found[0].failed):
+                number = group[min(int(np.argmax(found[0].failed)), len(group) - 1)]
+                raise InputError(
+                    f"robots[{number}]: no finite acceleration at the start: some coordinate moves no "
+                    "mass; give links mass or inertia, rods a density"
+                )
             if stopped:
                 break
         done(len(group))
@@ -150,7 +156,7 @@ def evolve(
 def _checked(
     robots: Sequence[Robot],
     times: Float[np.ndarray, " times"],
-    loads: Float[np.ndarray, "times channels"] | None,
+    loads: Float[np.ndarray, "rows channels"] | None,
     q: Float[np.ndarray, "robots dofs"] | None,
     velocity: Float[np.ndarray, "robots dofs"] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -159,6 +165,8 @@ def _checked(
         raise InputError("robots: expected at least one, got none")
     if any(jax.tree.structure(robot) != jax.tree.structure(robots[0]) for robot in robots):
         raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
+    if not robots[0].dofs:
+        raise InputError("robots: expected some that can move, got no coordinates")
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or len(times) < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
         raise InputError("times: expected at least two finite, ascending times [s]")
@@ -166,7 +174,7 @@ def _checked(
     loads = np.zeros((len(times), 0)) if loads is None else np.asarray(loads, dtype=float)
     if loads.ndim != 2 or len(loads) != len(times) or not np.all(np.isfinite(loads)):
         raise InputError(
-            f"loads: expected finite numbers of shape ({len(times)}, channels), one row a time, got {loads.shape}"
+            f"loads: expected finite numbers, one row for each of {len(times)} times, got {loads.shape}"
         )
     if loads.shape[1] < needed:
         raise InputError(f"loads: the robot's terms need {needed} channels, got {loads.shape[1]}")
@@ -194,7 +202,7 @@ def _compiled(structure: Hashable, fixed: bool) -> Callable:
         limit = way.steps + way.rejected + most
 
         def going(way: Way) -> Array:
-            return ((way.time < until) | (way.stage == 0)) & ~way.failed
+            return jnp.logical_and((way.time < until) | (way.stage == 0), ~way.failed)
 
         def further(way: Way) -> Way:
             way = step(way)

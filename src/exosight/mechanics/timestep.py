@@ -5,13 +5,13 @@ The equation of motion in the coordinates, with v = dq/dt and a = dv/dt,
     Σ J_iᵀ (I_i ṫ_i − ad(t_i)ᵀ I_i t_i) + D v + ∇Π(q, u) = 0,      t_i = J_i v,   ṫ_i = J_i a + (dJ_i/dt) v,
 
 t_i being the spatial twist of frame i and I_i the spatial inertia of what it carries, is stepped by the
-stiffly accurate Runge–Kutta method ARK4(3)6L[2]SA (its implicit half): order 4, L-stable, an embedded error
-of order 3, five stages that are one nonlinear system of the size of q each. Inertia enters that system like any other energy does, as wrenches and
-stiffnesses of frames, which go through the same `pull_back` as the potential's.
+implicit half of the Runge–Kutta pair ARK4(3)6L[2]SA: order 4, L-stable, stiffly accurate, an embedded error
+of order 3, and five stages, each a nonlinear system of the size of q. Inertia enters that system as every
+energy does, as wrenches and stiffnesses of frames that are pulled back through the tree.
 
-Why not the minimum of an incremental potential with BDF2 in the frames' poses: it is of order 2, which for
-1e-6 of the motion takes some ten times the work, and constrains poses, not coordinates, so that nothing of
-higher order can be put in its place without losing that order (index 3).
+Why not the minimum of an incremental potential with BDF2 in the frames' poses: it is of order 2, and stays
+so, because it constrains poses to the tree (index 3). Here 46 steps a second bring the tip of a 30 cm
+cantilever to 2 µm; order 2 takes some thousands.
 
 Source: C. A. Kennedy, M. H. Carpenter, Additive Runge–Kutta schemes, Applied Numerical Mathematics 44, 2003.
 """
@@ -166,21 +166,23 @@ def stepper(
 
     def advance(way: Way) -> Way:
         first, last = way.stage == 0, way.stage == STAGES - 1
-        base = jnp.stack([way.q, way.v]) + way.step * jnp.tensordot(_at(_TABLE, way.stage), way.slopes, 1)
+        base = jnp.stack([jnp.asarray(way.q), jnp.asarray(way.v)]) + way.step * jnp.einsum(
+            "s,sij->ij", _at(_TABLE, way.stage), way.slopes
+        )
         implicit = jnp.where(first, 0.0, _DIAGONAL * way.step)
-        v = base[1] + implicit * way.a
+        v = base[1] + implicit * jnp.asarray(way.a)
         q = base[0] + implicit * v
         load = leg.load + (way.time + _at(_PLACES, way.stage) * way.step - leg.start) * load_rate
 
         # Differentiated along v for dJ/dt; what is not needed of it is never computed.
-        (here, motion), (_, moving) = jax.jvp(lambda q: evaluate(q, load), (q,), (v,))
+        (here, motion), (_, moving) = jax.jvp(lambda q: evaluate(q, jnp.asarray(load)), (q,), (v,))
         jacobian, inertia = motion.jacobian, inertia_at(motion.pose)
         twist = jacobian @ v
         momentum = _times(inertia, twist)
-        acceleration = jacobian @ way.a + moving.jacobian @ v
+        acceleration = jacobian @ jnp.asarray(way.a) + moving.jacobian @ v
         wrench = _times(inertia, acceleration) - _times(lie.coad(momentum), twist)
         # Stage 0 is solved for a alone: the limit of a stage of no length.
-        length = jnp.where(first, 1e-10, implicit)
+        length = jnp.where(first, 1e-14, implicit)
         pulled, tangent = pull_back(robot, motion, wrench, inertia / length**2)
         residual = pulled + viscous @ v + here.gradient
         # How the wrenches change with v, and with the turning of inertia; what is of order |t|² is left out.
@@ -192,6 +194,8 @@ def stepper(
         whirl = whirl - lie.coad(_times(inertia, acceleration)) @ jacobian
         matrix = tangent + here.hessian + viscous / length + jnp.einsum("fkp,fkq->pq", jacobian, whirl)
         change = -jnp.linalg.solve(matrix, residual)
+        weight = jnp.diag(matrix) * length**2  # at stage 0 the mass that each coordinate moves
+        massless = first & jnp.any(weight <= 1e-14 * jnp.max(weight))
 
         def distance(q: Array) -> Array:
             """Root mean square displacement of the robot's mass [m]."""
@@ -204,7 +208,7 @@ def stepper(
         left = size * rate / jnp.maximum(1 - rate, 0.1)
         solved = first | (left < 1e-2 * tolerance)
         tries = way.tries + 1
-        lost = ~jnp.isfinite(size) | (~solved & ((rate > 2) | (tries >= _NEWTON_STEPS)))
+        lost = massless | ~jnp.isfinite(size) | (~solved & ((rate > 2) | (tries >= _NEWTON_STEPS)))
         solved = solved & ~lost
         a = way.a + change / length**2
         v = v + jnp.where(first, 0.0, change / length)
@@ -268,7 +272,7 @@ def stepper(
 def next_step(
     time: Float[AnyArray, ""], wanted: Float[AnyArray, ""], touch: Float[AnyArray, ""], leg: Leg
 ) -> Float[Array, ""]:
-    """The step [s] to try: equal parts of what is left, none longer than wanted or past a contact's closing."""
+    """The step [s] to try: equal parts of what is left, none longer than wanted or past a closing contact."""
     left = leg.end - time
     parts = jnp.ceil(left / jnp.maximum(wanted, 1e-300) - 1e-9)
     return jnp.minimum(left / jnp.maximum(parts, 1.0), touch)
