@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from exosight import lie
@@ -101,6 +103,11 @@ def test_exp_of_the_opposite_twist_is_the_inverse(twists: np.ndarray, maps: dict
     np.testing.assert_allclose(
         maps["exp"] @ back, np.broadcast_to(np.eye(4), back.shape), atol=ROUND_OFF, rtol=0
     )
+
+
+def test_inverse_undoes_a_pose(maps: dict[str, np.ndarray]) -> None:
+    product = maps["exp"] @ np.asarray(compiled(lie.inverse)(maps["exp"]))
+    np.testing.assert_allclose(product, np.broadcast_to(np.eye(4), product.shape), atol=ROUND_OFF, rtol=0)
 
 
 def test_adjoint_of_exp_is_exp_of_ad(maps: dict[str, np.ndarray]) -> None:
@@ -203,3 +210,55 @@ def test_second_derivatives_are_smooth_across_the_branch(jet: Callable) -> None:
     # Two points 2e-9 apart, next derivatives of order one; the closed forms lose up to five digits there.
     np.testing.assert_allclose(first_below, first_above, atol=1e-8, rtol=0)
     np.testing.assert_allclose(below, above, atol=1e-8, rtol=0)
+
+
+# Angles beyond half a turn come back as the shorter way; at half a turn the axis is either of two.
+SHORT = st.floats(0.0, np.pi - 1e-6)
+COMPONENT = st.floats(-10.0, 10.0)
+
+
+@settings(max_examples=200, deadline=None)
+@given(angle=SHORT, axis=st.tuples(*[st.floats(-1.0, 1.0)] * 3), linear=st.tuples(*[COMPONENT] * 3))
+@example(angle=0.0, axis=(1.0, 0.0, 0.0), linear=(0.0, 0.0, 0.0))
+@example(angle=1e-12, axis=(0.0, 1.0, 0.0), linear=(1.0, 2.0, 3.0))
+@example(angle=np.pi - 1e-6, axis=(0.0, 0.6, -0.8), linear=(1.0, 2.0, 3.0))
+def test_log_undoes_exp(
+    round_trip: Callable, angle: float, axis: tuple[float, ...], linear: tuple[float, ...]
+) -> None:
+    length = np.linalg.norm(axis)
+    direction = np.array(axis) / length if length > 0.1 else np.array([0.0, 0.0, 1.0])
+    twist = np.concatenate([angle * direction, linear])
+    # Round-off in a pose moves its twist by no more than itself, also near half a turn.
+    np.testing.assert_allclose(round_trip(twist)[0], twist, atol=ROUND_OFF, rtol=0)
+
+
+def test_exp_undoes_log(maps: dict[str, np.ndarray]) -> None:
+    """For every pose, whole and half turns among them; the twist is the shorter one."""
+    twists = np.asarray(compiled(lie.log)(maps["exp"]))
+    assert np.linalg.norm(twists[:, :3], axis=1).max() <= np.pi + 1e-12
+    again = np.asarray(compiled(lie.exp)(twists))
+    np.testing.assert_allclose(again, maps["exp"], atol=10 * ROUND_OFF, rtol=0)
+
+
+def test_log_keeps_tiny_rotations() -> None:
+    tiny = jnp.array([1e-12, -2e-13, 3e-12, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(lie.log(lie.exp(tiny)), tiny, rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.3463, 0.3466, 0.9999, 1.0001, 2.5, 3.14])
+def test_derivatives_of_log_undo_those_of_exp(round_trip: Callable, angle: float) -> None:
+    """log ∘ exp is the identity, so its first derivative is I and its second 0; also where series end."""
+    _, first, second = round_trip(np.array([0.6 * angle, 0.0, 0.8 * angle, 1.0, -2.0, 0.5]))
+    np.testing.assert_allclose(first, np.eye(6), atol=1e-13)
+    np.testing.assert_allclose(second, 0.0, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def round_trip() -> Callable:
+    """log(exp(twist)) with its first and second derivatives."""
+
+    def there_and_back(twist: jax.Array) -> jax.Array:
+        return lie.log(lie.exp(twist))
+
+    first = jax.jacfwd(there_and_back)
+    return compiled(lambda twist: (there_and_back(twist), first(twist), jax.jacfwd(first)(twist)))

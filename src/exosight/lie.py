@@ -49,6 +49,15 @@ def _coefficients(omega: Float[Array, "*batch 3"]) -> tuple[Array, Array, Array,
     return a, b, c, d, e
 
 
+# θ/2 = asin|v|, so (θ/2)/|v| = Σ c_k |v|^2k; exact up to |v|² = 0.03, a third of a radian.
+_ARCSINE = np.cumprod([1.0, *((2 * k - 1) / (2 * k) for k in range(1, _TERMS))]) / (2 * np.arange(_TERMS) + 1)
+# (1 − θ/2 cot θ/2)/θ² = Σ |B_2k|/(2k)! θ^(2k−2), k ≥ 1, with Bernoulli's numbers; exact up to one radian.
+_BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513]) / np.array(
+    [6, 30, 42, 30, 66, 2730, 6, 510, 798, 330, 138]
+)
+_COTANGENT = _BERNOULLI / _FACTORIAL[2 : 2 * _TERMS + 1 : 2]
+
+
 def hat(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """The matrix of the cross product: hat(ω) x = ω × x."""
     x, y, z = omega[..., 0], omega[..., 1], omega[..., 2]
@@ -71,6 +80,12 @@ def translation(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4 4"
     return pose(jnp.broadcast_to(jnp.eye(3), (*position.shape[:-1], 3, 3)), position)
 
 
+def inverse(g: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
+    """The pose of the world as seen from the frame g."""
+    back = jnp.swapaxes(g[..., :3, :3], -1, -2)
+    return pose(back, -jnp.einsum("...ij,...j->...i", back, g[..., :3, 3]))
+
+
 def exp(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     """The pose reached by moving along `twist` for unit time: exp of its 4×4 matrix."""
     omega, v = twist[..., :3], twist[..., 3:]
@@ -81,6 +96,66 @@ def exp(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     rotation = eye + a[..., None, None] * w + b[..., None, None] * ww
     left = eye + b[..., None, None] * w + c[..., None, None] * ww
     return pose(rotation, jnp.einsum("...ij,...j->...i", left, v))
+
+
+def log(g: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
+    """The twist whose `exp` is the pose, with a rotation of at most π: the inverse of `exp` up to there.
+
+    First and second derivatives along poses are finite and exact, at the identity too. At half a turn the
+    axis may point either way, so there the twist jumps from ω to −ω.
+    """
+    w, v = _quaternion(g[..., :3, :3])
+    x = jnp.sum(v * v, axis=-1)
+    small = x < 0.03
+    # As above: the branch not taken is evaluated where its derivatives are finite.
+    norm = jnp.sqrt(jnp.where(small, 1.0, x))
+    far = jnp.arctan2(norm, jnp.where(small, 1.0, w)) / norm
+    half = jnp.where(small, _polynomial(_ARCSINE, jnp.where(small, x, 0.0)), far)  # (θ/2)/sin(θ/2)
+    omega = 2 * half[..., None] * v
+    x = jnp.sum(omega * omega, axis=-1)
+    small = x < 1.0
+    far = (1 - w * half) / jnp.where(small, 1.0, x)
+    k = jnp.where(small, _polynomial(_COTANGENT, jnp.where(small, x, 0.0)), far)
+    turn = hat(omega)
+    back = jnp.eye(3) - 0.5 * turn + k[..., None, None] * (turn @ turn)
+    return jnp.concatenate([omega, jnp.einsum("...ij,...j->...i", back, g[..., :3, 3])], axis=-1)
+
+
+def _quaternion(rotation: Float[Array, "*batch 3 3"]) -> tuple[Array, Array]:
+    """cos θ/2 ≥ 0 and sin θ/2 · axis; from the largest of the four, as the others would be divided by zero.
+
+    Source: Shepperd, Quaternion from rotation matrix, 1978.
+    """
+    r = rotation
+    xx, yy, zz = r[..., 0, 0], r[..., 1, 1], r[..., 2, 2]
+    odd = jnp.stack(
+        [r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], axis=-1
+    )
+    even = r + jnp.swapaxes(r, -1, -2)
+    squares = jnp.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], axis=-1)
+    chosen = jnp.argmax(squares, axis=-1)
+    diagonal = jnp.eye(3) * squares[..., 1:, None]
+    rows = even * (1 - jnp.eye(3)) + diagonal  # 4 v_i v
+    table = jnp.concatenate(
+        [
+            jnp.concatenate([squares[..., :1], odd], axis=-1)[..., None, :],
+            jnp.concatenate([odd[..., :, None], rows], axis=-1),
+        ],
+        axis=-2,
+    )  # 4 times the products of all pairs
+    row = jnp.take_along_axis(table, chosen[..., None, None], axis=-2)[..., 0, :]
+    largest = jnp.take_along_axis(squares, chosen[..., None], axis=-1)
+    whole = row / (2 * jnp.sqrt(largest))
+    whole = jnp.where(whole[..., :1] < 0, -whole, whole)
+    return whole[..., 0], whole[..., 1:]
+
+
+def _polynomial(coefficients: np.ndarray, x: Array) -> Array:
+    """Σ c_k x^k."""
+    total = jnp.zeros_like(x)
+    for c in reversed(coefficients):
+        total = total * x + c
+    return total
 
 
 def ad(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:

@@ -18,9 +18,11 @@ from exosight.mechanics import (
     Circular,
     DeadForce,
     Gauss,
+    Gravity,
     Legendre,
     Link,
     NodalQuadratic,
+    PointWrench,
     PressureLine,
     Revolute,
     Robot,
@@ -29,6 +31,7 @@ from exosight.mechanics import (
     follow,
 )
 from exosight.mechanics.contact import Spheres
+from exosight.mechanics.rod import STRAINS
 
 SAME = 1e-8
 """Agreement on the same discretisation: positions [m], coordinates [rad] or [-]."""
@@ -149,6 +152,31 @@ def test_tapered_rod_with_a_line(reference: Callable, motion: Callable) -> None:
             assert case["rotation_per_step"] < 0.7
             # The error of this mesh against the ordinary differential equation.
             np.testing.assert_allclose(at.position[-1, ::2], case["exact_tip_xz"], atol=6e-7)
+
+
+@pytest.mark.parametrize("follower", [False, True])
+def test_spatial_cantilever(reference: Callable, motion: Callable, follower: bool) -> None:
+    """Case 3: all six strains, weight and a tip wrench without an energy, found from rest in one load."""
+    of = reference("sorosim_spatial")
+    points = Gauss(1, 6)
+    np.testing.assert_allclose(points.points, of["points"], atol=1e-15)
+    rod = Rod(
+        "rod",
+        of["length"],
+        Circular(jnp.full(points.size, of["radius"])),
+        young=float(of["young"]),
+        poisson=of["poisson"],
+        density=float(of["density"]),
+        strains=dict.fromkeys(STRAINS, Legendre(3)),
+        quadrature=points,
+    )
+    wrench = PointWrench("rod", -1, 0, np.array(of["tip_wrench"]), follower=follower)
+    robot = Robot((rod,), (Gravity(jnp.array(of["gravity"], dtype=float)), wrench))
+    found = follow([robot], np.array([[1.0]]))
+    assert found.converged.all()
+    (case,) = (case for case in of["cases"] if case["follower"] == follower)
+    np.testing.assert_allclose(found.q[0, 0], case["q"], atol=SAME)
+    np.testing.assert_allclose(motion(robot, found.q[0, 0]).pose[:, :3], case["poses"], atol=SAME)
 
 
 def test_hinged_chain(evaluate: Callable, reference: Callable) -> None:

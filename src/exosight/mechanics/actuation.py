@@ -1,7 +1,11 @@
 """Actuators whose work is that of a line along a rod."""
 
+from collections.abc import Callable
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from exosight.errors import InputError
@@ -10,12 +14,37 @@ from exosight.mechanics.rod import Rod
 from exosight.mechanics.term import Bound, Expansion, Term, one_channel, strain_columns, zero
 from exosight.mechanics.tree import Tree
 
+Path = Callable[[Array], tuple[Array, Array]]
+"""From a place X in [0, 1] along a rod to (y, z) in its section [m]; smooth, of JAX operations."""
+
+
+def straight(y: float, z: float) -> Path:
+    """A line that stays at (y, z) [m]."""
+    return lambda x: (jnp.asarray(y, dtype=float), jnp.asarray(z, dtype=float))
+
+
+def helix(radius: float | Callable[[Array], Array], turns: float = 0.0, phase: float = 0.0) -> Path:
+    """A line that winds about the axis, from the y axis towards the z axis for positive `turns`.
+
+    radius   of the helix [m], or a function of X: the radius of a tapered rod winds it on the surface
+    turns    from base to tip; none keeps it on one side
+    phase    angle at the base, from the y axis [rad]
+    """
+
+    def path(x: Array) -> tuple[Array, Array]:
+        r = jnp.asarray(radius(x) if callable(radius) else radius, dtype=float)
+        angle = 2 * np.pi * turns * x + phase
+        return r * jnp.cos(angle), r * jnp.sin(angle)
+
+    return path
+
 
 class PressureLine(Term):
     """A line along a rod that pushes with u at its ends (u < 0 pulls, as a cable does): Π = −u ℓ(q).
 
     The line runs at offset d(X) from the axis; its stretch is y = ξ_v + ξ_ω × d + d′, its length
     ℓ = ∫ |y| ds, and ∂ℓ/∂ξ = (d × t, t) with t = y/|y|: the actuation matrix B of the paper's statics.
+    A cable under tension T is u = −T. `along` makes one from a path.
 
     rod       name of the rod (static)
     channel   which load it is (static)
@@ -27,6 +56,29 @@ class PressureLine(Term):
     channel: int = eqx.field(static=True)
     offset: Float[Array, "points 3"]
     slope: Float[Array, "points 3"]
+
+    @staticmethod
+    def along(rod: Rod, channel: int, path: Path) -> "PressureLine":
+        """The line that runs along a path of `rod`, such as `straight` or `helix`.
+
+        path   from X in [0, 1] to (y, z) [m]; the slope is its derivative over the length
+
+        Raises InputError for a path that is not finite at the rod's points.
+        """
+
+        def at(x: Array) -> Array:
+            y, z = path(x)
+            return jnp.stack([jnp.zeros_like(y), y, z])
+
+        points = jnp.asarray(rod.quadrature.points)
+        offset = jax.vmap(at)(points)
+        slope = jax.vmap(jax.jacfwd(at))(points) / rod.length
+        if not (np.all(np.isfinite(offset)) and np.all(np.isfinite(slope))):
+            raise InputError(
+                f"PressureLine along {rod.name!r}: expected a path with finite y, z [m] and slope on [0, 1]; "
+                "got NaN or infinity"
+            )
+        return PressureLine(rod.name, channel, offset, slope)
 
     @property
     def loads(self) -> int:
