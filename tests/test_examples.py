@@ -19,7 +19,7 @@ NUMBERS = {
     "03_small_dataset": (100 * 346 / 550, 100 * 14 / 550),
     # Where the loading path passes 0.25 N, found by bracketing; 30 steps of the loop come within 1e-7 N.
     "04_closed_loop": (2.71590438, 1e-6),
-    # SoRoSim's tip at 1 s (tests/reference/sorosim_dynamics.json), from an integration at a tolerance of 1e-6.
+    # SoRoSim at 1 s (tests/reference/sorosim_dynamics.json), integrated at a tolerance of 1e-6.
     "05_released_cantilever": (0.2525563, 1e-6),
     # The textbook equations of the chain in absolute angles, by scipy's DOP853 at 1e-12.
     "06_hinged_chain": (2.8912521, 1e-6),
