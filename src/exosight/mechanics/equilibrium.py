@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
+from exosight.mechanics.continuity import find_jumps
 from exosight.mechanics.lanes import Job, run
 from exosight.mechanics.newton import Path
 from exosight.mechanics.robot import Robot
@@ -39,11 +40,6 @@ class SolverOptions:
             raise InputError(f"solver: expected tolerance, max_iterations and lanes above 0, got {self}")
 
 
-UNDO_ITERATIONS = 20
-"""Newton steps in which a smooth step is undone: the slowest of those between loads of the paper's path takes
-about 15. Snapping back takes up to a hundred, and need not be waited for."""
-
-
 class Equilibria(eqx.Module):
     """Equilibria along a path; every field may carry leading batch dimensions.
 
@@ -53,7 +49,7 @@ class Equilibria(eqx.Module):
                                     |∇Π|² = ∇Πᵀ M⁻¹ ∇Π, |q|² = qᵀ M q, q₀ = |q| of a strain or angle of 0.01
     min_eigenvalue  (loads,)        smallest λ of ∇²Π v = λ M v [-]: 1 at rest, 0 where the pose snaps; with
                                     forces that have no energy, the smallest real part
-    snapped         (loads,)        it jumped on the way from the load before: going back does not undo it
+    snapped         (loads,)        the pose jumped on the way from the load before, see `continuity`
     energy          (loads,)        Π [J]
     iterations      (loads,)        Newton steps taken
     """
@@ -101,29 +97,9 @@ def follow(
         for robot, q0 in zip(robots, start, strict=True)
     ]
     limits = (options.tolerance, options.max_iterations, options.lanes)
-    paths = run(jobs, *limits, done)
-    results = [_result(path, metric) for path, metric in paths]
-    # A smooth step can be undone: from where it ended, the load before leads back to where it began.
-    suspects = [
-        np.flatnonzero(_unlike_its_tangents(path, metric, loads, source)).tolist() for path, metric in paths
-    ]
-    undoing = [number for number, steps in enumerate(suspects) if steps]
-    limits = (options.tolerance, min(options.max_iterations, UNDO_ITERATIONS), options.lanes)
-    back = [
-        Job(
-            robots[number],
-            loads[source[suspects[number]]],
-            np.full(len(suspects[number]), -1),
-            np.asarray(results[number].q)[suspects[number]],
-        )
-        for number in undoing
-    ]
-    for number, (path, metric) in zip(undoing, run(back, *limits) if back else [], strict=True):
-        steps = suspects[number]
-        before = np.asarray(results[number].q)[source[steps]]
-        unit = 0.01 * np.sqrt(np.trace(metric) / len(metric))  # |q| of a strain or angle of 0.01
-        near = 1e-5 * (_size(metric, before) + unit)
-        results[number].snapped[steps] = ~(_size(metric, np.asarray(path.found) - before) < near)
+    solved = run(jobs, *limits, done)
+    jumps = find_jumps(robots, solved, loads, source, options.tolerance, options.lanes)
+    results = [_result(*path, snapped) for path, snapped in zip(solved, jumps, strict=True)]
     return jax.tree.map(lambda *leaves: np.stack(leaves), *results)
 
 
@@ -155,7 +131,9 @@ def _checked(
     return loads, source, start
 
 
-def _result(path: Path, metric: Float[np.ndarray, "dofs dofs"]) -> Equilibria:
+def _result(
+    path: Path, metric: Float[np.ndarray, "dofs dofs"], snapped: Bool[np.ndarray, " loads"]
+) -> Equilibria:
     """The record of a path that is done; λ of ∇²Π v = λ M v from the whitened Hessian."""
     whitener = np.linalg.inv(np.linalg.cholesky(metric))
     whitened = whitener @ path.hessians @ whitener.T
@@ -168,40 +146,7 @@ def _result(path: Path, metric: Float[np.ndarray, "dofs dofs"]) -> Equilibria:
         converged=path.converged & (eigenvalue > 0),
         residual=path.residuals,
         min_eigenvalue=eigenvalue,
-        snapped=np.zeros(len(path.found), dtype=bool),
+        snapped=snapped,
         energy=path.energies,
         iterations=path.iterations,
     )
-
-
-def _unlike_its_tangents(
-    path: Path, metric: np.ndarray, loads: np.ndarray, source: np.ndarray
-) -> Bool[np.ndarray, " loads"]:
-    """Steps that may be snaps: bumpy, or not what the path's tangents at both of its ends lead to.
-
-    On a smooth step, also where contacts open or close and the tangent jumps, the change of q lies near the
-    segment between both tangents times the change of load.
-    """
-    before = np.maximum(source, 0)
-    both = path.converged & path.converged[before] & (source >= 0)
-    # A pose that is not stable has no tangent; its row only has to be solvable.
-    hessians = np.where(path.converged[:, None, None], path.hessians, np.eye(len(metric)))
-    change = (loads - loads[before])[:, :, None]
-    moved = path.found - path.found[before]
-    ends = [
-        -np.linalg.solve(hessians[at], np.sum(change * path.load_gradients[at], axis=1)[:, :, None])[..., 0]
-        for at in (before, slice(None))
-    ]
-    factor = np.linalg.cholesky(metric)
-    moved, first, last = (x @ factor for x in (moved, *ends))
-    span = last - first
-    along = np.sum((moved - first) * span, axis=1) / np.maximum(np.sum(span**2, axis=1), 1e-300)
-    nearest = first + np.clip(along, 0, 1)[:, None] * span
-    off = np.linalg.norm(moved - nearest, axis=1)
-    allowed = 0.5 * np.maximum(np.linalg.norm(first, axis=1), np.linalg.norm(last, axis=1))
-    return both & (path.bumps | (off > allowed + 1e-3 * _size(metric, np.asarray(path.found))))
-
-
-def _size(metric: Float[np.ndarray, "dofs dofs"], q: Float[np.ndarray, "n dofs"]) -> Float[np.ndarray, " n"]:
-    """|q| in the elastic energy norm."""
-    return np.linalg.norm(q @ np.linalg.cholesky(metric), axis=1)
