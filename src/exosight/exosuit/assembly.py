@@ -1,6 +1,6 @@
 """The published plant: a soft exosuit clamped above a finger, as one robot of 25 degrees of freedom."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import equinox as eqx
@@ -14,6 +14,7 @@ from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape, radius, radius_slope
+from exosight.exosuit.variation import Variant
 from exosight.mechanics import Circular, Gauss, NodalQuadratic, PressureLine, Robot, Rod, SphereContact, walk
 from exosight.mechanics.contact import Spheres
 
@@ -39,6 +40,8 @@ class Exosuit:
     young               Young's modulus [Pa]; the default is the one that reproduces the paper's forces
     contact_stiffness   penalty stiffness of the spheres [N/m]
     gap                 clearance between the two at the base [m]; 0 is touching
+    mount_angle         inclination of the exosuit at its base [rad], positive away from the finger
+    mount_offset        distance of the exosuit's base from the finger's, along the finger [m]
     """
 
     shape: ExosuitShape = TABLE_I
@@ -46,16 +49,53 @@ class Exosuit:
     young: float = 300e3
     contact_stiffness: float = 1000.0
     gap: float = 0.0
+    mount_angle: float = 0.0
+    mount_offset: float = 0.0
 
     def __post_init__(self) -> None:
         for name, unit, low, high in (
             ("young", "Pa", 1e3, 1e9),
             ("contact_stiffness", "N/m", 1.0, 1e6),
             ("gap", "m", 0.0, 0.1),
+            ("mount_angle", "rad", -0.5, 0.5),
+            ("mount_offset", "m", -0.02, 0.02),
         ):
             value = getattr(self, name)
             if not low <= value <= high:
                 raise InputError(f"{name}: expected {low:g}…{high:g} {unit}, got {value}")
+
+
+def varied(exosuit: Exosuit, variant: Variant) -> Exosuit:
+    """The exosuit with what a variant changes in it and its finger.
+
+    Raises InputError if the finger has another number of links or hinges than the variant.
+    """
+    finger = exosuit.finger
+    if len(finger.lengths) != len(variant.link_length) or len(finger.joint_stiffness) != len(
+        variant.joint_stiffness
+    ):
+        raise InputError(
+            f"finger: expected {len(variant.link_length)} links and {len(variant.joint_stiffness)} hinges, "
+            f"got {len(finger.lengths)} and {len(finger.joint_stiffness)}; vary the published finger"
+        )
+
+    def scaled(values: tuple[float, ...], factors: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(value * factor for value, factor in zip(values, factors, strict=True))
+
+    return replace(
+        exosuit,
+        finger=replace(
+            finger,
+            lengths=scaled(finger.lengths, variant.link_length),
+            radii=tuple(size * variant.finger_radius for size in finger.radii),
+            joint_stiffness=scaled(finger.joint_stiffness, variant.joint_stiffness),
+        ),
+        young=exosuit.young * variant.young,
+        contact_stiffness=exosuit.contact_stiffness * variant.contact_stiffness,
+        gap=exosuit.gap + variant.gap,
+        mount_angle=exosuit.mount_angle + variant.mount_angle,
+        mount_offset=exosuit.mount_offset + variant.mount_offset,
+    )
 
 
 def assemble(exosuit: Exosuit) -> Robot:
@@ -66,6 +106,9 @@ def assemble(exosuit: Exosuit) -> Robot:
     x, shape, finger = QUADRATURE.points, exosuit.shape, exosuit.finger
     surface = radius(shape.surface, x)
     height = finger.radii[0] + surface[0] + exosuit.gap
+    up = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    angle = exosuit.mount_angle
+    rotation = jnp.asarray(np.eye(3) + np.sin(angle) * up + (np.cos(angle) - 1) * np.diag([1.0, 0.0, 1.0]))
     rod = Rod(
         ROD,
         shape.length,
@@ -75,7 +118,7 @@ def assemble(exosuit: Exosuit) -> Robot:
         density=1070.0,
         strains=STRAINS,
         quadrature=QUADRATURE,
-        mount=lie.translation(jnp.array([0.0, 0.0, height])),
+        mount=lie.pose(rotation, jnp.array([exosuit.mount_offset, 0.0, height])),
     )
     links = finger.links()
     dorsal = np.array([0.0, 0.0, 1.0])
@@ -139,5 +182,5 @@ def _observe(robot: Robot, q: Float[Array, " dofs"]) -> Pose:
         joint_angles=joints,
         centreline=motion.position[robot.frame_slice(ROD)],
         finger=jnp.concatenate([bases, motion[links[-1].name].end[:3, 3][None]]),
-        tip_angle=-steps.curvature.twist[:, 1].sum(),
+        tip_angle=jnp.arctan2(rod.mount[2, 0], rod.mount[0, 0]) - steps.curvature.twist[:, 1].sum(),
     )
