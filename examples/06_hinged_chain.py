@@ -59,7 +59,7 @@ def main(folder: Path = Path("results/06_hinged_chain")) -> float:
         if k % 20 == 0:
             label, at = f"{1000 * time[k]:.0f} ms", CM * nodes[k, -1]
             swing.annotate(label, at, xytext=(4, -8), textcoords="offset points", fontsize=7)
-    swing.set(xlabel="x [cm]", ylabel="z [cm]", aspect="equal", xlim=(-45, 52), ylim=(-45, 14))
+    swing.set(xlabel="x [cm]", ylabel="z [cm]", aspect="equal", xlim=(-45, 60), ylim=(-45, 14))
     swing.legend(frameon=False, fontsize=8, loc="upper left")
     swing.set_title("The chain, every 50 ms up to 400 ms", fontsize=9)
 

@@ -101,7 +101,9 @@ def evolve(
     Fourth order in the step: each of ωh radians shifts the phase of a vibration by (ωh)⁵/1200 and takes
     (ωh)⁶/18000 of its energy; vibrations much faster than the steps are damped out. Contacts and other forces
     with kinks cost smaller steps; a step ends where the first open pair would close at the speed it starts
-    with. A free, ball or planar joint is singular at a full turn: the robot fails there.
+    with. Free, ball and planar joints without springs, dampers, a range or a motor may turn on and on: beyond
+    200° their coordinates jump to those of the same pose by the smaller turn, so a term of one's own must not
+    look at them. With any of these, 360° is singular: rates grow without bound there, and dampers with them.
     """
     times, loads, starts = _checked(robots, times, loads, q, velocity)
     lanes = min(options.lanes, 1 << (len(robots) - 1).bit_length())
@@ -113,13 +115,16 @@ def evolve(
         leaves = [np.stack(parts) for parts in zip(*(_leaves(robots[i]) for i in rows), strict=True)]
         ways = [begin(times[0], starts[0, i], starts[1, i], loads.shape[1]) for i in rows]
         state = jax.tree.map(lambda *parts: np.stack(parts), *ways)
-        advance = _compiled(jax.tree.structure(robots[0]), options.step is not None)
+        advance = _compiled(jax.tree.structure(robots[0]))
+        adaptive = np.array(options.step is None)
         largest = np.inf if options.step is None else options.step
         found = []
         for k, until in enumerate(times):
             at = max(k - 1, 0)  # at the first time, only the acceleration and the energies are found
             leg = Leg(times[at], times[at + 1], loads[at], loads[at + 1])
-            state = advance(leaves, state, leg, until, options.tolerance, largest, options.max_steps)
+            state = advance(
+                leaves, state, leg, until, options.tolerance, largest, adaptive, options.max_steps
+            )
             found.append(jax.tree.map(np.asarray, state))
             if not k and np.any(found[0].failed):
                 number = group[min(int(np.argmax(found[0].failed)), len(group) - 1)]
@@ -191,14 +196,21 @@ def _leaves(robot: Robot) -> list[np.ndarray]:
 
 
 @lru_cache(maxsize=64)
-def _compiled(structure: Hashable, fixed: bool) -> Callable:
+def _compiled(structure: Hashable) -> Callable:
     """The function that brings every lane to the end of a leg."""
 
     def one(
-        leaves: list[Array], way: Way, leg: Leg, until: Array, tolerance: Array, largest: Array, most: Array
+        leaves: list[Array],
+        way: Way,
+        leg: Leg,
+        until: Array,
+        tolerance: Array,
+        largest: Array,
+        adaptive: Array,
+        most: Array,
     ) -> Way:
         robot = jax.tree.unflatten(structure, leaves)
-        step = stepper(robot, leg, tolerance, largest, adaptive=not fixed)
+        step = stepper(robot, leg, tolerance, largest, adaptive)
         limit = way.steps + way.rejected + most
 
         def going(way: Way) -> Array:
@@ -211,5 +223,5 @@ def _compiled(structure: Hashable, fixed: bool) -> Callable:
         way = way._replace(step=next_step(way.time, jnp.minimum(way.wanted, largest), way.touch, leg))
         return jax.lax.while_loop(going, further, way)
 
-    batched = jax.vmap(one, in_axes=(0, 0, None, None, None, None, None))
+    batched = jax.vmap(one, in_axes=(0, 0, *[None] * 6))
     return jax.jit(batched, compiler_options={"xla_cpu_multi_thread_eigen": False})

@@ -31,6 +31,7 @@ from exosight.mechanics.kinematics import pull_back
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.tree import Tree
+from exosight.mechanics.winding import unwound
 
 STAGES = 6
 _DIAGONAL = 0.25
@@ -150,12 +151,17 @@ def spatial_inertia(tree: Tree) -> Callable[[Float[Array, "frames 4 4"]], Float[
 
 
 def stepper(
-    robot: Robot, leg: Leg, tolerance: Float[AnyArray, ""], largest: Float[AnyArray, ""], adaptive: bool
+    robot: Robot,
+    leg: Leg,
+    tolerance: Float[AnyArray, ""],
+    largest: Float[AnyArray, ""],
+    adaptive: Bool[AnyArray, ""],
 ) -> Callable[[Way], Way]:
     """The function that takes a way one Newton step further.
 
     tolerance   [m]   of a step: root mean square displacement of the robot's mass
     largest     [s]   step
+    adaptive          whether the error chooses the step; if not, all are the largest
     """
     evaluate = potential(robot)
     inertia_at = spatial_inertia(robot)
@@ -220,17 +226,15 @@ def stepper(
         # The end of a step, and of stage 0, from which the first step begins.
         error = jnp.tensordot(_ERROR, slopes, 1) * way.step
         error = jnp.maximum(distance(error[0]), way.step * distance(error[1])) / tolerance
-        good = (error <= 1) if adaptive else jnp.array(True)
+        good = (error <= 1) | ~adaptive
         arrived = solved & last & good
         refused = lost | (solved & last & ~good)
         factor = jnp.where(lost, 0.25, jnp.clip(0.9 * error**-0.25, 0.2, 5.0))
         near = jnp.sqrt(tolerance / jnp.maximum(distance(a), 1e-300))
-        if adaptive:
-            wanted = jnp.where(arrived | refused, way.step * factor, way.wanted)
-            wanted = jnp.where(first, near, wanted)
-        else:
-            wanted = jnp.where(refused, 0.25 * way.step, jnp.where(arrived | first, largest, way.wanted))
-        wanted = jnp.minimum(wanted, largest)
+        chosen = jnp.where(arrived | refused, way.step * factor, way.wanted)
+        chosen = jnp.where(first & jnp.isinf(way.wanted), near, chosen)
+        given_step = jnp.where(refused, 0.25 * way.step, jnp.where(arrived | first, largest, way.wanted))
+        wanted = jnp.minimum(jnp.where(adaptive, chosen, given_step), largest)
         time = jnp.where(arrived, way.time + way.step, way.time)
         time = jnp.where(leg.end - time < 1e-9 * span, leg.end, time)
         known = arrived | (first & solved)
@@ -240,11 +244,13 @@ def stepper(
         spent = jnp.sum(_WEIGHTS * jnp.einsum("sp,pq,sq->s", slopes[:, 0], viscous, slopes[:, 0]))
         given = _WEIGHTS @ (forces @ load_rate)
         starts = known | refused
-        stage = jnp.where(starts, 1, way.stage + solved)
+        other_q, other_v, rewritten = unwound(robot, q, v)
+        rewritten = rewritten & arrived  # then the acceleration is found anew, by stage 0
+        stage = jnp.where(rewritten, 0, jnp.where(starts, 1, way.stage + solved))
         return Way(
             time=time,
-            q=jnp.where(arrived, q, way.q),
-            v=jnp.where(arrived, v, way.v),
+            q=jnp.where(arrived, other_q, way.q),
+            v=jnp.where(arrived, other_v, way.v),
             kinetic=jnp.where(known, 0.5 * jnp.sum(moved * _times(inertia, moved)), way.kinetic),
             potential=jnp.where(
                 known, here.energy + jnp.where(first, 0.0, here.gradient @ change), way.potential
