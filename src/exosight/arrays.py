@@ -1,7 +1,17 @@
 """The array type of data that passes between compiled code and NumPy."""
 
+from typing import Any
+
 import jax
 import numpy as np
 
 AnyArray = jax.Array | np.ndarray
 """An array of JAX or of NumPy: results are read with either, and constructors take either."""
+
+Number = float | AnyArray
+"""A single number; an array without dimensions where JAX is to differentiate by it."""
+
+
+def known(value: Any) -> bool:
+    """Whether a number can be looked at: while JAX differentiates or compiles, its value is still open."""
+    return not isinstance(value, jax.core.Tracer)

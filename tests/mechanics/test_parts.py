@@ -8,13 +8,16 @@ from exosight.errors import InputError
 from exosight.mechanics import (
     Circular,
     Gauss,
+    JointTorque,
     Legendre,
     Link,
     NodalQuadratic,
     PressureLine,
+    Revolute,
     Robot,
     Rod,
 )
+from exosight.mechanics.basis import Basis
 from exosight.mechanics.contact import Spheres
 
 POINTS = Gauss(5, 3)
@@ -103,3 +106,46 @@ def test_a_line_needs_a_rod() -> None:
     robot = Robot((Link("a", 1.0, jnp.zeros((1, 3))),))
     with pytest.raises(InputError, match="'a' is a link"):
         PressureLine("a", 0, jnp.zeros((1, 3)), jnp.zeros((1, 3))).bind(robot)
+
+
+class Flat:
+    """A basis that a user got wrong: every function is the same."""
+
+    size = 2
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        return np.ones((len(x), 2))
+
+
+class Broken(Flat):
+    """Or not finite at an end."""
+
+    def evaluate(self, x: np.ndarray) -> np.ndarray:
+        with np.errstate(divide="ignore"):
+            return np.stack([np.ones_like(x), 1 / x], axis=1)
+
+
+@pytest.mark.parametrize(
+    ("basis", "said"),
+    [
+        (Flat(), "bend_y: expected functions that the quadrature tells apart, got 2"),
+        (Legendre(9), "bend_y: expected functions that the quadrature tells apart, got 10"),
+        (Broken(), r"bend_y: expected `evaluate` to give finite values of shape \(8, 2\)"),
+    ],
+)
+def test_bases_that_the_quadrature_cannot_resolve_are_refused(basis: Basis, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Rod(
+            "rod",
+            0.1,
+            Circular(np.full(8, 0.01)),
+            young=1e5,
+            strains={"bend_y": basis},
+            quadrature=Gauss(1, 6),
+        )
+
+
+def test_a_load_channel_below_zero_is_refused() -> None:
+    link = Link("link", 0.1, np.zeros((1, 3)), joint=Revolute(stiffness=1.0))
+    with pytest.raises(InputError, match="JointTorque: expected a load channel 0, 1, 2 …, got -1"):
+        Robot((link,), (JointTorque("link", -1),))

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from exosight import lie
-from exosight.arrays import AnyArray
+from exosight.arrays import AnyArray, Number
 from exosight.errors import InputError
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape, radius, radius_slope
@@ -103,22 +103,50 @@ def assemble(exosuit: Exosuit) -> Robot:
 
     Its single load is the actuation u [N]; u > 0 pushes along the line on the surface away from the finger.
     """
-    x, shape, finger = QUADRATURE.points, exosuit.shape, exosuit.finger
-    surface = radius(shape.surface, x)
-    height = finger.radii[0] + surface[0] + exosuit.gap
+    x, shape = QUADRATURE.points, exosuit.shape
+    return assemble_surface(
+        radius(shape.surface, x),
+        radius_slope(shape.surface, x),
+        shape.length,
+        finger=exosuit.finger,
+        young=exosuit.young,
+        contact_stiffness=exosuit.contact_stiffness,
+        gap=exosuit.gap,
+        mount_angle=exosuit.mount_angle,
+        mount_offset=exosuit.mount_offset,
+    )
+
+
+def assemble_surface(
+    surface: Float[AnyArray, " points"],
+    slope: Float[AnyArray, " points"],
+    length: Number,
+    *,
+    finger: Finger,
+    young: Number,
+    contact_stiffness: Number,
+    gap: Number,
+    mount_angle: Number = 0.0,
+    mount_offset: Number = 0.0,
+) -> Robot:
+    """The same robot for an exosuit of any surface; JAX can differentiate by every number but the finger's.
+
+    surface   (points,)   S at the points of QUADRATURE [m]
+    slope     (points,)   dS/dX there [m]
+    """
+    height = finger.radii[0] + surface[0] + gap
     up = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    angle = exosuit.mount_angle
-    rotation = jnp.asarray(np.eye(3) + np.sin(angle) * up + (np.cos(angle) - 1) * np.diag([1.0, 0.0, 1.0]))
+    rotation = jnp.eye(3) + jnp.sin(mount_angle) * up + (jnp.cos(mount_angle) - 1) * np.diag([1.0, 0.0, 1.0])
     rod = Rod(
         ROD,
-        shape.length,
+        length,
         Circular(surface),
-        young=exosuit.young,
+        young=young,
         poisson=0.5,
         density=1070.0,
         strains=STRAINS,
         quadrature=QUADRATURE,
-        mount=lie.pose(rotation, jnp.array([exosuit.mount_offset, 0.0, height])),
+        mount=lie.pose(rotation, jnp.stack([jnp.asarray(mount_offset), jnp.zeros(()), jnp.asarray(height)])),
     )
     links = finger.links()
     dorsal = np.array([0.0, 0.0, 1.0])
@@ -126,7 +154,7 @@ def assemble(exosuit: Exosuit) -> Robot:
         rod=ROD,
         channel=0,
         offset=jnp.asarray(surface[:, None] * dorsal),
-        slope=jnp.asarray(radius_slope(shape.surface, x)[:, None] / shape.length * dorsal),
+        slope=jnp.asarray(slope[:, None] / length * dorsal),
     )
     contact = SphereContact(
         first=Spheres(tuple((ROD, i) for i in range(QUADRATURE.size)), jnp.asarray(surface)),
@@ -134,7 +162,7 @@ def assemble(exosuit: Exosuit) -> Robot:
             tuple((link.name, site) for link in links for site in range(link.frames)),
             jnp.asarray(finger.sphere_radii()),
         ),
-        stiffness=jnp.asarray(exosuit.contact_stiffness),
+        stiffness=jnp.asarray(contact_stiffness),
     )
     return Robot((rod, *links), (line, contact))
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from exosight.arrays import known
 from exosight.errors import InputError
 from exosight.mechanics.kinematics import Motion, spread
 from exosight.mechanics.rod import Rod
@@ -73,7 +74,7 @@ class PressureLine(Term):
         points = jnp.asarray(rod.quadrature.points)
         offset = jax.vmap(at)(points)
         slope = jax.vmap(jax.jacfwd(at))(points) / rod.length
-        if not (np.all(np.isfinite(offset)) and np.all(np.isfinite(slope))):
+        if known(slope) and not (np.all(np.isfinite(offset)) and np.all(np.isfinite(slope))):
             raise InputError(
                 f"PressureLine along {rod.name!r}: expected a path with finite y, z [m] and slope on [0, 1]; "
                 "got NaN or infinity"

@@ -32,7 +32,7 @@ class Basis(Protocol):
 
 
 def _at_least(basis: object, what: str, least: int, value: int) -> None:
-    if value < least:
+    if not isinstance(value, int) or value < least:
         raise InputError(f"{type(basis).__name__}: expected {what} of at least {least}, got {value}")
 
 

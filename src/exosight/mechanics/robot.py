@@ -1,5 +1,6 @@
 """A robot: a kinematic tree, and the energy terms that act on it."""
 
+from exosight.errors import InputError
 from exosight.mechanics.term import Term
 from exosight.mechanics.tree import Body, Tree
 
@@ -12,6 +13,13 @@ class Robot(Tree):
     def __init__(self, bodies: tuple[Body, ...], terms: tuple[Term, ...] = ()) -> None:
         super().__init__(bodies)
         self.terms = tuple(terms)
+        for term in self.terms:
+            channel = getattr(term, "channel", 0)
+            if not isinstance(channel, int) or channel < 0:
+                raise InputError(
+                    f"{type(term).__name__}: expected a load channel 0, 1, 2 …, got {channel}; "
+                    "channels count the columns of the loads"
+                )
 
     @property
     def conservative(self) -> bool:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from exosight.arrays import AnyArray
+from exosight.arrays import AnyArray, Number, known
 from exosight.errors import InputError
 from exosight.mechanics.basis import Basis
 from exosight.mechanics.joint import Fixed, Joint
@@ -63,29 +63,29 @@ class Rod(eqx.Module):
     def __init__(
         self,
         name: str,
-        length: float,
+        length: Number,
         section: Section,
         *,
-        young: float,
+        young: Number,
         strains: Mapping[str, Basis],
         quadrature: Gauss,
-        poisson: float = 0.5,
-        density: float = 0.0,
-        viscosity: float = 0.0,
+        poisson: Number = 0.5,
+        density: Number = 0.0,
+        viscosity: Number = 0.0,
         natural: Callable[[Float[np.ndarray, " n"]], Float[AnyArray, "n 6"]] | None = None,
         parent: str | None = None,
         joint: Joint | None = None,
         mount: Float[AnyArray, "4 4"] | None = None,
     ) -> None:
         for what, value, unit in (("length", length, "m"), ("young", young, "Pa")):
-            if not (value > 0 and np.isfinite(value)):
+            if known(value) and not (value > 0 and np.isfinite(value)):
                 raise InputError(
                     f"rod {name!r}, {what}: expected a finite number above 0 {unit}, got {value}"
                 )
-        if not -1 < poisson <= 0.5:
+        if known(poisson) and not -1 < poisson <= 0.5:
             raise InputError(f"rod {name!r}, poisson: expected within (-1, 0.5], got {poisson}")
         for what, value, unit in (("density", density, "kg/m³"), ("viscosity", viscosity, "Pa s")):
-            if not 0 <= value < np.inf:
+            if known(value) and not 0 <= value < np.inf:
                 raise InputError(f"rod {name!r}, {what}: expected finite, at least 0 {unit}, got {value}")
         unknown = set(strains) - set(STRAINS)
         if unknown or not strains:
@@ -97,12 +97,14 @@ class Rod(eqx.Module):
                 f"rod {name!r}, section: expected sizes at {quadrature.size} points, got {section.size}"
             )
         nodes = np.concatenate([quadrature.points, step_samples(quadrature.points).ravel()])
-        strain = np.tile(STRAIGHT, (len(nodes), 1)) if natural is None else np.asarray(natural(nodes), float)
-        if strain.shape != (len(nodes), 6) or not np.all(np.isfinite(strain)):
+        strain = np.tile(STRAIGHT, (len(nodes), 1)) if natural is None else natural(nodes)
+        if np.shape(strain) != (len(nodes), 6) or (known(strain) and not np.all(np.isfinite(strain))):
             raise InputError(
                 f"rod {name!r}, natural: expected a function from places in [0, 1] to finite strains "
-                f"{(len(nodes), 6)}, got {strain.shape}"
+                f"{(len(nodes), 6)}, got {np.shape(strain)}"
             )
+        for strain_name, basis in strains.items():
+            _check_basis(f"rod {name!r}, strains, {strain_name}", basis, quadrature)
         self.name, self.parent = name, parent
         self.strains = tuple((s, strains[s]) for s in STRAINS if s in strains)
         self.quadrature = quadrature
@@ -114,7 +116,7 @@ class Rod(eqx.Module):
         self.poisson = jnp.asarray(poisson, dtype=float)
         self.density = jnp.asarray(density, dtype=float)
         self.viscosity = jnp.asarray(viscosity, dtype=float)
-        self.natural = jnp.asarray(strain)
+        self.natural = jnp.asarray(strain, dtype=float)
 
     @property
     def frames(self) -> int:
@@ -170,3 +172,22 @@ class Rod(eqx.Module):
         phi = self.functions(self.quadrature.points) * self.scale[:, None]
         density = self.weights()[:, None] * section[:, list(self.rows)]
         return jnp.einsum("pea,pe,peb->ab", phi, density, phi)
+
+
+def _check_basis(what: str, basis: Basis, quadrature: Gauss) -> None:
+    """InputError for a basis that is not one, or whose functions look alike at the quadrature points."""
+    points, wanted = quadrature.points, (quadrature.size, basis.size)
+    values = np.asarray(basis.evaluate(points))
+    if values.shape != wanted or not np.all(np.isfinite(values)):
+        raise InputError(
+            f"{what}: expected `evaluate` to give finite values of shape {wanted}, got {values.shape}"
+        )
+    # Squared, this is the condition of the stiffness matrix, which has to have an inverse.
+    if (
+        basis.size > np.sum(quadrature.weights > 0)
+        or np.linalg.cond(np.sqrt(quadrature.weights)[:, None] * values) > 1e7
+    ):
+        raise InputError(
+            f"{what}: expected functions that the quadrature tells apart, got {basis.size} that are nearly "
+            f"dependent on its {quadrature.size} points; use fewer functions, more points or another basis"
+        )

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from exosight.arrays import AnyArray
+from exosight.arrays import AnyArray, known
 from exosight.errors import InputError
 
 Scalar = Float[Array, ""]
@@ -154,6 +154,8 @@ _ODD_FIFTH_POWERS = 31 / 32 * 1.0369277551433699
 
 
 def _positive(section: str, name: str, value: Float[AnyArray, " points"]) -> Points:
+    if not known(value):
+        return jnp.asarray(value)
     numbers = np.asarray(value, dtype=float)
     if numbers.ndim != 1 or not (np.all(numbers > 0) and np.all(np.isfinite(numbers))):
         shown = numbers.min() if numbers.ndim == 1 and numbers.size else f"shape {numbers.shape}"
