@@ -10,24 +10,19 @@ from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from exosight.errors import InputError
+from exosight.ranges import rising
 
 Factor = Annotated[float, Field(ge=0.1, le=10.0)]
 Angle = Annotated[float, Field(ge=-0.5, le=0.5)]
 Distance = Annotated[float, Field(ge=-0.02, le=0.02)]
 
 
-def _rising(limits: tuple[float, float]) -> tuple[float, float]:
-    if limits[0] > limits[1]:
-        raise ValueError(f"expected the lower limit first, got {limits[0]:g} and {limits[1]:g}")
-    return limits
-
-
-Factors = Annotated[tuple[Factor, Factor], AfterValidator(_rising)]
-Angles = Annotated[tuple[Angle, Angle], AfterValidator(_rising)]
-Distances = Annotated[tuple[Distance, Distance], AfterValidator(_rising)]
+Factors = Annotated[tuple[Factor, Factor], AfterValidator(rising)]
+Angles = Annotated[tuple[Angle, Angle], AfterValidator(rising)]
+Distances = Annotated[tuple[Distance, Distance], AfterValidator(rising)]
 Clearances = Annotated[
     tuple[Annotated[float, Field(ge=0.0, le=0.1)], Annotated[float, Field(ge=0.0, le=0.1)]],
-    AfterValidator(_rising),
+    AfterValidator(rising),
 ]
 
 

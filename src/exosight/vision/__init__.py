@@ -1,18 +1,51 @@
-"""From bodies to pictures: a camera, a renderer of tapered tubes, and the paper's image corruptions."""
+"""From bodies to pictures: a camera, a renderer of tapered tubes, and what may happen to a picture.
 
+corruptions   the paper's noise and contrast
+appearance    how pictures may differ, drawn frame by frame as numbers; augment makes pictures so
+lighting      how the bodies' shades and their light may differ when they are rendered
+unlike        pictures without the plant, and what is kept for testing
+"""
+
+from exosight.vision.appearance import (
+    TRAINING,
+    Appearance,
+    AppearanceVariation,
+    draw_appearance,
+    from_table,
+    to_table,
+)
+from exosight.vision.augment import augment
 from exosight.vision.camera import Camera, project, resized
 from exosight.vision.corruptions import CORRUPTIONS, add_noise, corrupt, set_contrast
-from exosight.vision.renderer import BACKGROUND, Tube, render
+from exosight.vision.lighting import Lighting, LightingVariation, draw_lighting
+from exosight.vision.renderer import BACKGROUND, Light, Tube, render
+from exosight.vision.unlike import HELD_OUT, UNLIKE, unlike_images
+from exosight.vision.view import moved
 
 __all__ = [
     "BACKGROUND",
     "CORRUPTIONS",
+    "HELD_OUT",
+    "TRAINING",
+    "UNLIKE",
+    "Appearance",
+    "AppearanceVariation",
     "Camera",
+    "Light",
+    "Lighting",
+    "LightingVariation",
     "Tube",
     "add_noise",
+    "augment",
     "corrupt",
+    "draw_appearance",
+    "draw_lighting",
+    "from_table",
+    "moved",
     "project",
     "render",
     "resized",
     "set_contrast",
+    "to_table",
+    "unlike_images",
 ]

@@ -8,12 +8,8 @@ from jaxtyping import Float, UInt8
 from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose
 from exosight.exosuit.shapes import radius
 from exosight.vision.camera import Camera
-from exosight.vision.renderer import Tube, render
-
-FINGER_SHADE = 0.70
-"""Mid gray: apart from the background (0.92) and from the exosuit by equal steps of about 0.3."""
-EXOSUIT_SHADE = 0.35
-"""Dark gray: the body whose bending carries most of the information stands out most."""
+from exosight.vision.lighting import EXOSUIT_SHADE, FINGER_SHADE, Lighting
+from exosight.vision.renderer import BACKGROUND, Tube, render
 
 
 def tubes(
@@ -21,8 +17,10 @@ def tubes(
     rod_radii: Float[np.ndarray, "#frames points"] | Float[np.ndarray, " points"],
     finger: Float[np.ndarray, "frames nodes 3"],
     finger_radii: Float[np.ndarray, " nodes"],
+    finger_shade: float | Float[np.ndarray, " frames"] = FINGER_SHADE,
+    exosuit_shade: float | Float[np.ndarray, " frames"] = EXOSUIT_SHADE,
 ) -> tuple[Tube, Tube]:
-    """The finger (FINGER_SHADE) and the exosuit (EXOSUIT_SHADE), in the order in which they are drawn.
+    """The finger and the exosuit, in the order in which they are drawn.
 
     The exosuit is drawn last: where the bodies press on each other, the picture shows its whole outline.
 
@@ -35,25 +33,38 @@ def tubes(
     Raises InputError if shapes differ or a number is not finite.
     """
     return (
-        Tube(finger, _for_each_frame(finger_radii, finger), FINGER_SHADE),
-        Tube(centreline, _for_each_frame(rod_radii, centreline), EXOSUIT_SHADE),
+        Tube(finger, _for_each_frame(finger_radii, finger), finger_shade),
+        Tube(centreline, _for_each_frame(rod_radii, centreline), exosuit_shade),
     )
 
 
-def picture(exosuit: Exosuit, pose: Pose, camera: Camera) -> UInt8[np.ndarray, "frames height width"]:
+def picture(
+    exosuit: Exosuit, pose: Pose, camera: Camera, lighting: Lighting | None = None
+) -> UInt8[np.ndarray, "frames height width"]:
     """Gray pictures of a worn exosuit.
 
-    pose     of this exosuit, with one batch dimension: the frames
-    returns  (frames, height, width)  gray 0…255
+    pose      of this exosuit, with one batch dimension: the frames
+    lighting  shades and light of each frame; by default the nominal ones
+    returns   (frames, height, width)  gray 0…255
     """
-    return render(
-        tubes(
-            np.asarray(pose.centreline),
-            radius(exosuit.shape.surface, QUADRATURE.points),
-            np.asarray(pose.finger),
-            np.asarray(exosuit.finger.radii),
-        ),
-        camera,
+    bodies = _bodies(exosuit, pose)
+    if lighting is None:
+        return render(tubes(*bodies), camera)
+    return render(tubes(*bodies, lighting.finger_shade, lighting.exosuit_shade), camera, lighting.light)
+
+
+def cover(exosuit: Exosuit, pose: Pose, camera: Camera) -> UInt8[np.ndarray, "frames height width"]:
+    """How much of each pixel finger and exosuit cover, 0…255, as `exosight.vision.augment` takes it."""
+    black = render(tubes(*_bodies(exosuit, pose), 0.0, 0.0), camera)
+    return np.rint((1 - np.arange(BACKGROUND + 1) / BACKGROUND) * 255).astype(np.uint8)[black]
+
+
+def _bodies(exosuit: Exosuit, pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return (
+        np.asarray(pose.centreline),
+        radius(exosuit.shape.surface, QUADRATURE.points),
+        np.asarray(pose.finger),
+        np.asarray(exosuit.finger.radii),
     )
 
 
