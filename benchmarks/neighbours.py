@@ -1,0 +1,160 @@
+"""The same problems solved by exosight, PyElastica and SoRoMoX: error and time side by side, in one run.
+
+`python -m benchmarks.neighbours`, with the extra `compare` installed, writes docs/results/neighbours.json,
+which docs/validation.md shows. Each program runs in the same process, first once to compile, then three
+times, the programs taking turns; times are medians.
+"""
+
+import json
+import os
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.progress import track
+
+from benchmarks import motion, rest
+from benchmarks.planar import LENGTH, PRESS, TIP_FORCE, at_rest
+from exosight.app.bench import cpu_name
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results" / "neighbours.json"
+REPEATS = 3
+PACKAGES = ("exosight", "pyelastica", "soromox", "diffrax", "jax", "numba", "numpy")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One program at one setting: the work, and the error of what it returns."""
+
+    problem: str
+    program: str
+    setting: str
+    work: Callable[[], Any]
+    error: Callable[[Any], float]
+
+
+@dataclass(frozen=True)
+class Row:
+    """What a run gave: error [-], median time of a call and time of the first one, with compiling [s]."""
+
+    problem: str
+    program: str
+    setting: str
+    error: float
+    seconds: float
+    first_seconds: float
+
+
+def cantilevers() -> list[Run]:
+    """Distance of the tip from that of the program's own differential equation, over the length."""
+    ours, theirs = at_rest(TIP_FORCE).tip, at_rest(TIP_FORCE, thins=True).tip
+
+    def off(exact: np.ndarray) -> Callable[[Any], float]:
+        return lambda found: float(np.linalg.norm(found.tip - exact)) / LENGTH
+
+    name = "cantilever"
+    return [
+        *(Run(name, "exosight", f"{n} elements", rest.Exosight(n, False), off(ours)) for n in (1, 2, 5, 10)),
+        *(
+            Run(name, "PyElastica", f"{n} elements", rest.PyElastica(n, False), off(theirs))
+            for n in (10, 20, 40, 80)
+        ),
+    ]
+
+
+def contacts() -> list[Run]:
+    """Force on the sphere against that of the program's own differential equation, relative."""
+    ours = at_rest(-PRESS, sphere=True).push
+    theirs = at_rest(-PRESS, sphere=True, slides=True, thins=True).push
+
+    def off(exact: float) -> Callable[[Any], float]:
+        return lambda found: abs(found.push / exact - 1)
+
+    name = "contact"
+    return [
+        *(Run(name, "exosight", f"{n} elements", rest.Exosight(n, True), off(ours)) for n in (3, 6, 12)),
+        *(
+            Run(name, "PyElastica", f"{n} elements", rest.PyElastica(n, True), off(theirs))
+            for n in (11, 20, 41, 80)
+        ),
+        Run(name, "PyElastica", "22 elements, sphere off a middle", rest.PyElastica(22, True), off(theirs)),
+    ]
+
+
+def motions(name: str, case: motion.Case, steps: Sequence[float], finest: float) -> list[Run]:
+    """Largest difference in any coordinate from SoRoMoX's finest run, over the largest coordinate."""
+    exact = motion.their_rollout(case, finest)()
+
+    def off(found: np.ndarray) -> float:
+        return float(np.abs(found - exact).max() / np.abs(exact).max())
+
+    return [
+        *(
+            Run(name, "exosight", f"tolerance {tol:.0e} m", motion.Exosight(case, tol), off)
+            for tol in (1e-6, 1e-8, 1e-10)
+        ),
+        *(
+            Run(name, "SoRoMoX", f"step {1e3 * step:g} ms", motion.their_rollout(case, step), off)
+            for step in steps
+        ),
+    ]
+
+
+def timed(runs: Sequence[Run]) -> list[Row]:
+    """Every run once to compile, then all of them in turn, three times over."""
+    first, seconds, errors = [], [[] for _ in runs], []
+    for run in track(runs, "first calls"):
+        started = time.perf_counter()
+        errors.append(run.error(run.work()))
+        first.append(time.perf_counter() - started)
+    for _ in track(range(REPEATS), "timed calls"):
+        for run, times in zip(runs, seconds, strict=True):
+            started = time.perf_counter()
+            run.work()
+            times.append(time.perf_counter() - started)
+    return [
+        Row(run.problem, run.program, run.setting, error, statistics.median(times), compiling)
+        for run, error, times, compiling in zip(runs, errors, seconds, first, strict=True)
+    ]
+
+
+def measure() -> dict[str, Any]:
+    """Every comparison, with what it ran on."""
+    load = os.getloadavg()[0]
+    runs = [
+        *cantilevers(),
+        *contacts(),
+        *motions("motion in a plane", motion.PLANE, (2.5e-3, 1e-3, 4e-4), 1e-4),
+        *motions("motion in space", motion.SPACE, (8e-4, 4e-4), 2e-4),
+        *motions("motion in space, slender", motion.SLENDER, (4e-5,), 2e-5),
+    ]
+    return {
+        "machine": {
+            "cpu": cpu_name(),
+            "cores": len(os.sched_getaffinity(0)),
+            "load_before": round(load, 2),
+            "versions": {name: version(name) for name in PACKAGES},
+        },
+        "rows": [asdict(row) for row in timed(runs)],
+    }
+
+
+def main() -> None:
+    """Measure anew and write the numbers of docs/validation.md."""
+    found = measure()
+    RESULTS.parent.mkdir(exist_ok=True)
+    RESULTS.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+    for row in found["rows"]:
+        print(
+            f"{row['problem']:26}{row['program']:12}{row['setting']:34}{row['error']:9.1e}"
+            f"{row['seconds']:10.3g} s, first {row['first_seconds']:.3g} s"
+        )
+
+
+if __name__ == "__main__":
+    main()
