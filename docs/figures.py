@@ -1,5 +1,6 @@
-"""The picture of the README: `make figures` draws it again from simulation alone."""
+"""The pictures of the documentation: `make figures` draws them again from simulation alone."""
 
+from dataclasses import fields
 from pathlib import Path
 
 import jax
@@ -18,12 +19,25 @@ from exosight.evaluation.figures.style import (
     styled,
 )
 from exosight.evaluation.metrics import CONTACTS
-from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble
+from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble, varied
 from exosight.exosuit.shapes import radius
 from exosight.exosuit.simulation import simulate
+from exosight.exosuit.variation import Variant
 from exosight.mechanics import Motion, SphereContact, walk
+from exosight.vision import (
+    TRAINING,
+    AppearanceVariation,
+    Light,
+    Lighting,
+    augment,
+    draw_appearance,
+    from_table,
+)
+from exosight.vision.appearance import BACKGROUND_KINDS, OCCLUSION_KINDS, Appearance, to_table
 from exosight.vision.camera import Camera, project
-from exosight.vision.scene import picture
+from exosight.vision.lighting import EXOSUIT_SHADE, FINGER_SHADE
+from exosight.vision.renderer import AMBIENT, LAMP
+from exosight.vision.scene import cover, picture
 
 IMAGES = Path(__file__).parent / "images"
 LOADS = (0.0, 0.8, 1.6, 2.4, 3.2, 4.0)
@@ -126,11 +140,128 @@ def _draw_forces(ax: Axes, forces: Float[np.ndarray, " 8"]) -> None:
     ax.set_title("3. The forces to be read off it")
 
 
+@styled
+def variation() -> Figure:
+    """What may vary: the plant and its light when rendered, then all that may happen to one picture."""
+    exosuit = Exosuit(CONTROL_SHAPE)
+    rows = {
+        "plant, at 2.4 N": _varied_plants(exosuit),
+        "light": _lit(exosuit),
+        **_varied_pictures(exosuit),
+    }
+    figure = new_figure(height=9.6, width=8.0)
+    for ax_row, (name, panels) in zip(figure.subplots(len(rows), 6), rows.items(), strict=True):
+        for ax, (title, image) in zip(ax_row, panels, strict=True):
+            show_image(ax, image)
+            ax.set_title(title, fontsize=7, pad=2)
+        ax_row[0].set_ylabel(name, fontsize=8)
+    return figure
+
+
+Panels = list[tuple[str, UInt8[np.ndarray, "height width"]]]
+
+
+def _varied_plants(exosuit: Exosuit) -> Panels:
+    variants = {
+        "nominal": Variant(),
+        "finger radius × 1.3": Variant(finger_radius=1.3),
+        "links × 1.2, 0.8, 0.8": Variant(link_length=(1.2, 0.8, 0.8, 1.0)),
+        "joint stiffness × 4": Variant(joint_stiffness=(4.0, 4.0, 4.0)),
+        "modulus × 2": Variant(young=2.0),
+        "mount + 0.2 rad, + 4 mm": Variant(mount_angle=0.2, gap=0.004),
+    }
+    worn = {name: varied(exosuit, variant) for name, variant in variants.items()}
+    return [(name, picture(each, simulate(each, [2.4]).pose, Camera())[0]) for name, each in worn.items()]
+
+
+def _lit(exosuit: Exosuit) -> Panels:
+    pose = simulate(exosuit, [2.4]).pose
+
+    def lit(
+        lamp: tuple[float, float, float] = LAMP,
+        ambient: float = AMBIENT,
+        finger: float = FINGER_SHADE,
+        rod: float = EXOSUIT_SHADE,
+    ) -> UInt8[np.ndarray, "height width"]:
+        light = Light(np.array([lamp]), np.array([ambient]))
+        return picture(exosuit, pose, Camera(), Lighting(np.array([finger]), np.array([rod]), light))[0]
+
+    return [
+        ("lamp from the left", lit(lamp=(-0.8, 0.0, 0.6))),
+        ("lamp from below", lit(lamp=(0.0, -0.8, 0.6))),
+        ("ambient light only", lit(ambient=1.0)),
+        ("lamp only", lit(ambient=0.0)),
+        ("finger darker", lit(finger=0.45, rod=0.2)),
+        ("exosuit lighter", lit(finger=0.4, rod=0.8)),
+    ]
+
+
+def _varied_pictures(exosuit: Exosuit) -> dict[str, Panels]:
+    pose = simulate(exosuit, [2.4]).pose
+    one, covered = picture(exosuit, pose, Camera()), cover(exosuit, pose, Camera())
+    nothing = to_table(draw_appearance(AppearanceVariation(), 0, np.arange(1)))
+
+    def with_(**change: float) -> UInt8[np.ndarray, "height width"]:
+        columns = [field.name for field in fields(Appearance)]
+        table = nothing.copy()
+        table[0, [columns.index(name) for name in change]] = list(change.values())
+        return augment(one, from_table(table), covered)[0]
+
+    def before(kind: str) -> UInt8[np.ndarray, "height width"]:
+        look = {"background_level": 0.5, "background_contrast": 0.3, "background_size": 0.15}
+        number = BACKGROUND_KINDS.index(kind) + 1
+        return with_(background=number, background_angle=0.5, seed=3, **look)
+
+    def behind(kind: str) -> UInt8[np.ndarray, "height width"]:
+        place = {"occlusion_at": 0.75, "occlusion_angle": 0.8, "occlusion_shade": 0.55}
+        return with_(occlusion=OCCLUSION_KINDS.index(kind) + 1, occluded=0.08, seed=2, **place)
+
+    mixed = draw_appearance(TRAINING, 3, np.arange(6))
+    together = augment(np.repeat(one, 6, axis=0), mixed, np.repeat(covered, 6, axis=0))
+    return {
+        "camera and lens": [
+            ("shift 8 %, − 8 %", with_(shift_x=0.08, shift_y=-0.08)),
+            ("roll 0.4 rad", with_(roll=0.4)),
+            ("zoom 1.25", with_(zoom=1.25, shift_x=0.08)),
+            ("tilt 0.6 rad", with_(tilt_y=0.6)),
+            ("lens + 0.2", with_(distortion=0.2)),
+            ("lens − 0.2", with_(distortion=-0.2)),
+        ],
+        "background": [(kind, before(kind)) for kind in ("smooth", "fractal", "stripes", "checks")]
+        + [(f"{kind} (held out)", before(kind)) for kind in ("cells", "grid")],
+        "occlusion": [
+            *((kind, behind(kind)) for kind in ("ellipse", "polygon", "bar")),
+            ("mesh (held out)", behind("mesh")),
+            ("fingers behind", with_(fingers_behind=2, seed=4)),
+            ("finger in front", with_(fingers_in_front=1, seed=7)),
+        ],
+        "optics": [
+            ("gradient 0.6", with_(gradient=0.6, gradient_angle=0.6)),
+            ("vignette 0.7", with_(vignette=0.7)),
+            ("blur 2 pixels", with_(blur=2.0)),
+            ("motion 10 pixels", with_(motion=10.0, motion_angle=0.4)),
+            ("contrast: 0.26 left", with_(range=0.74, dark=0.68)),
+            ("gamma 1.7", with_(gamma=1.7)),
+        ],
+        "sensor": [
+            ("noise 0.001", with_(noise=0.001, seed=1)),
+            ("noise 0.01", with_(noise=0.01, seed=1)),
+            ("noise 0.1", with_(noise=0.1, seed=1)),
+            ("shot noise 0.03", with_(shot=0.03, seed=1)),
+            ("bodies faded", with_(body_range=0.7, body_dark=0.2)),
+            ("dark and noisy", with_(range=0.8, dark=0.02, noise=0.001, seed=1)),
+        ],
+        "drawn at random": [("", image) for image in together],
+    }
+
+
 def main() -> None:
     """Draw every picture anew."""
     IMAGES.mkdir(exist_ok=True)
-    overview().savefig(IMAGES / "overview.png", dpi=200, metadata={"Software": None})
-    print(f"wrote {IMAGES / 'overview.png'}")
+    for figure in (overview, variation):
+        path = IMAGES / f"{figure.__name__}.png"
+        figure().savefig(path, dpi=200, metadata={"Software": None})
+        print(f"wrote {path}")
 
 
 if __name__ == "__main__":
