@@ -12,7 +12,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from exosight.control.estimator import OnnxEstimator
 from exosight.errors import DataError, InputError
-from exosight.learning.model_file import ModelCard, card_to_metadata, seal
+from exosight.learning.intervals import Widths
+from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, seal
 
 CARD = ModelCard(
     exosight_version="0.1.0",
@@ -27,6 +28,7 @@ CARD = ModelCard(
     validation_l1=0.0,
     training={"network": "closed form"},
     data={"camera": "512 px/m"},
+    widths=Widths(((1.0,) * 7,) * 5, ((1.0,) * 7, (2.0,) * 7, (3.0,) * 7, (4.0,) * 7, (5.0,) * 7)),
 )
 
 with_files = settings(
@@ -41,13 +43,20 @@ def closed_form() -> onnx.ModelProto:
         helper.make_node("Flatten", ["image"], ["flat"], axis=1),
         helper.make_node("Gemm", ["flat", "weight", "bias"], ["raw"]),
         helper.make_node("Relu", ["raw"], ["forces"]),
+        helper.make_node("Mul", ["forces", "tenth"], ["tenths"]),
+        helper.make_node("Add", ["tenths", "tenth"], ["expected_error"]),
+        helper.make_node("Sigmoid", ["raw"], ["contact"]),
     ]
     graph = helper.make_graph(
         nodes,
         "closed_form",
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["batch", 1, 6, 8])],
-        [helper.make_tensor_value_info("forces", TensorProto.FLOAT, ["batch", 7])],
-        [numpy_helper.from_array(weight, "weight"), numpy_helper.from_array(bias, "bias")],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", 7]) for name in OUTPUTS],
+        [
+            numpy_helper.from_array(weight, "weight"),
+            numpy_helper.from_array(bias, "bias"),
+            numpy_helper.from_array(np.array(0.1, np.float32), "tenth"),
+        ],
     )
     model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 18)])
     helper.set_model_props(model, card_to_metadata(CARD))
@@ -74,6 +83,23 @@ def test_forces_follow_the_closed_form_for_any_number_of_images(model: Path, cou
     assert forces.dtype == np.float32
     # Single precision over sums of 48 terms.
     assert forces == pytest.approx(expected, abs=1e-5)
+
+
+def test_intervals_follow_the_closed_form(model: Path):
+    """Half widths at 90 %: three times the expected error, 0.1 N + 0.1 F; once where the estimate is zero."""
+    images = np.stack([np.zeros((6, 8), np.uint8), np.full((6, 8), 51, np.uint8)])  # mean 0 and 0.2
+    read = OnnxEstimator.load(model).read(images)
+    forces = np.array([[0.0] * 7, [0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 0.4]])
+    half = np.where(forces > 0, 3, 1) * (0.1 + 0.1 * forces)
+    # Single precision over sums of 48 terms.
+    assert read.forces == pytest.approx(forces, abs=1e-5)
+    assert read.low == pytest.approx(np.maximum(0, forces - half), abs=1e-5)
+    assert read.high == pytest.approx(forces + half, abs=1e-5)
+    assert read.contact[0] == pytest.approx([0.5] * 6 + [1 / (1 + np.e)], abs=1e-5)
+    wide, narrow = (OnnxEstimator.load(model).read(images, level) for level in (0.99, 0.5))
+    assert np.all(wide.high - wide.low >= narrow.high - narrow.low)
+    with pytest.raises(InputError, match=r"level: expected one of 0.5, 0.8, 0.9, 0.95, 0.99, got 0.7"):
+        OnnxEstimator.load(model).read(images, 0.7)
 
 
 def test_the_card_reads_back(model: Path):

@@ -1,4 +1,4 @@
-"""Small synthetic frames: one bright blob, whose place and brightness set the seven "forces"."""
+"""Small synthetic frames: one bright blob, whose place and size set the seven "forces"."""
 
 from pathlib import Path
 
@@ -20,23 +20,24 @@ def blobs() -> Samples:
     forces = np.zeros((80, 7), np.float32)
     for image, force in zip(images, forces, strict=True):
         a, b = generator.uniform(0.2, 0.8, 2)
-        brightness = generator.uniform(0.3, 1.0)
-        image[:] = 255 * brightness * np.exp(-((x - a) ** 2 + (y - b) ** 2) / 0.02)
-        force[:] = [a, b, brightness, 0.2 * a * b, max(0.0, a - 0.5), 0.0, 2.0 * brightness]
-    return Samples(images, forces, np.arange(64), np.arange(64, 80))
+        size = generator.uniform(0.3, 1.0)
+        image[:] = 255 * np.exp(-((x - a) ** 2 + (y - b) ** 2) / (0.02 * size))
+        force[:] = [a, b, size, 0.2 * a * b, max(0.0, a - 0.5), 0.0, 2.0 * size]
+    return Samples(images, forces, np.arange(64), np.arange(64, 80), forces[:, :2].copy())
 
 
 @pytest.fixture(scope="session")
 def small() -> TrainConfig:
     """A run of 6 epochs of 4 steps."""
-    return TrainConfig(epochs=6, batch=16, threads=1, seed=5)
+    return TrainConfig(epochs=6, batch=16, threads=1, seed=5, precision="float32")
 
 
 @pytest.fixture(scope="session")
 def trained(tmp_path_factory: pytest.TempPathFactory, blobs: Samples, small: TrainConfig) -> Path:
     """The folder of that run, never stopped."""
     folder = tmp_path_factory.mktemp("runs") / "whole"
-    train(small, blobs.images, blobs.forces, blobs.train_index, blobs.validation_index, folder, IDENTITY)
+    index = (blobs.train_index, blobs.validation_index)
+    train(small, blobs.images, blobs.forces, *index, folder, IDENTITY, auxiliary=blobs.auxiliary)
     return folder
 
 

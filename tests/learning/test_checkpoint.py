@@ -132,17 +132,17 @@ LIES: dict[str, tuple[Callable[[Checkpoint], Checkpoint], str]] = {
     ),
     "a negative step": (lambda c: replace(c, position=replace(c.position, step=-1)), "step=-1"),
     "a missing tensor": (
-        lambda c: replace(c, tensors={k: v for k, v in c.tensors.items() if k != "best.0.weight"}),
-        "best.0.weight is in only one",
+        lambda c: replace(c, tensors={k: v for k, v in c.tensors.items() if k != "best.2.0.weight"}),
+        "best.2.0.weight is in only one",
     ),
     "a tensor too many": (lambda c: other_tensor(c, extra=torch.zeros(1)), "extra is in only one"),
     "a tensor of another type": (
-        lambda c: other_tensor(c, **{"network.0.weight": c.tensors["network.0.weight"].double()}),
-        "network.0.weight is torch.float64",
+        lambda c: other_tensor(c, **{"network.2.0.weight": c.tensors["network.2.0.weight"].double()}),
+        "network.2.0.weight is torch.float64",
     ),
     "a tensor with NaN": (
-        lambda c: other_tensor(c, **{"network.0.weight": c.tensors["network.0.weight"] * torch.nan}),
-        "network.0.weight is not finite",
+        lambda c: other_tensor(c, **{"network.2.0.weight": c.tensors["network.2.0.weight"] * torch.nan}),
+        "network.2.0.weight is not finite",
     ),
 }
 
@@ -155,17 +155,12 @@ def test_a_header_that_does_not_fit_is_a_data_error(trained: Path, tmp_path: Pat
 
 
 def test_another_format_is_named(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    checkpoint = load_checkpoint(trained)
+    monkeypatch.setattr("exosight.learning.checkpoint._FORMAT", 3)
+    write(tmp_path, checkpoint)
     monkeypatch.setattr("exosight.learning.checkpoint._FORMAT", 2)
-    write(tmp_path, load_checkpoint_of_format_1(trained, monkeypatch))
-    monkeypatch.setattr("exosight.learning.checkpoint._FORMAT", 1)
-    with pytest.raises(DataError, match="checkpoint format 2, this exosight reads 1"):
+    with pytest.raises(DataError, match="checkpoint format 3, this exosight reads 2"):
         load_checkpoint(tmp_path)
-
-
-def load_checkpoint_of_format_1(trained: Path, monkeypatch: pytest.MonkeyPatch) -> Checkpoint:
-    with monkeypatch.context() as patch:
-        patch.setattr("exosight.learning.checkpoint._FORMAT", 1)
-        return load_checkpoint(trained)
 
 
 def test_a_header_of_another_version_is_named(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -187,8 +182,8 @@ def test_a_model_before_the_first_validation_is_refused(trained: Path, tmp_path:
 
 def test_the_model_holds_the_best_weights(trained: Path):
     checkpoint, model = load_checkpoint(trained), load_model(trained)
-    fresh = build_network("light", (40, 40), 5).state_dict()
+    fresh = build_network("light", (40, 40), 2, 5).state_dict()
     for name, tensor in model.network.state_dict().items():
         assert torch.equal(tensor, checkpoint.tensors[f"best.{name}"])
-    assert not torch.equal(fresh["0.weight"], checkpoint.tensors["best.0.weight"])
+    assert not torch.equal(fresh["2.0.weight"], checkpoint.tensors["best.2.0.weight"])
     assert model.scale.tolist() == pytest.approx(checkpoint.run.force_scale)

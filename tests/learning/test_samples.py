@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exosight.errors import InputError
-from exosight.learning.samples import Samples, check_samples, epoch_batches, fingerprint, force_scale, shifted
+from exosight.learning.samples import Samples, check_samples, epoch_batches, fingerprint, scale_of
 
 
 def test_good_frames_pass(blobs: Samples):
@@ -30,6 +30,8 @@ def broken(forces: np.ndarray, value: float) -> np.ndarray:
         (lambda f: {"forces": broken(f.forces, np.nan)}, "frame 11"),
         (lambda f: {"forces": broken(f.forces, np.inf)}, "frame 11"),
         (lambda f: {"forces": broken(f.forces, -1e-3)}, "at least 0 N.*frame 11"),
+        (lambda f: {"auxiliary": f.auxiliary[:-1]}, r"auxiliary: expected float32 \(80, n\)"),
+        (lambda f: {"auxiliary": np.full_like(f.auxiliary, np.nan)}, "auxiliary: expected finite"),
         (lambda f: {"train_index": f.train_index[:0]}, "train_index: expected at least 2"),
         (lambda f: {"train_index": f.train_index[:1]}, "train_index: expected at least 2"),
         (lambda f: {"validation_index": f.validation_index[:0]}, "validation_index: expected at least 1"),
@@ -48,18 +50,18 @@ def test_frames_that_cannot_be_learned_from_are_refused(blobs: Samples, change, 
 
 
 def test_scale_is_the_standard_deviation_of_each_contact(blobs: Samples):
-    scale = force_scale(blobs.forces)
+    scale = scale_of(blobs.forces)
     varying = [0, 1, 2, 3, 4, 6]
     assert scale[varying] == pytest.approx(blobs.forces[:, varying].astype(float).std(axis=0))
 
 
 def test_a_contact_that_never_varies_gets_a_small_scale_not_a_vanishing_one(blobs: Samples):
-    scale = force_scale(blobs.forces)
+    scale = scale_of(blobs.forces)
     assert scale[5] == pytest.approx(scale.max() / 100)
 
 
 def test_forces_that_never_vary_at_all_get_one_newton():
-    assert force_scale(np.full((5, 7), 0.5, np.float32)).tolist() == [1.0] * 7
+    assert scale_of(np.full((5, 7), 0.5, np.float32)).tolist() == [1.0] * 7
 
 
 @given(
@@ -89,37 +91,6 @@ def test_order_follows_from_seed_and_epoch_alone():
     assert order[1] != order[2]
 
 
-def test_images_move_by_whole_pixels_and_their_border_repeats():
-    generator = np.random.default_rng(0)
-    images = generator.integers(0, 256, (40, 120, 80), np.uint8)
-    moves = set()
-    for image, moved in zip(images, shifted(images, 1, 2, 3), strict=True):
-        # Largest moves: 120 // 40 rows and 80 // 40 columns. The inner part says which move it was.
-        padded = np.pad(image, ((3, 3), (2, 2)), mode="edge")
-        fits = [
-            (y, x)
-            for y in range(7)
-            for x in range(5)
-            if np.array_equal(padded[y : y + 120, x : x + 80], moved)
-        ]
-        assert len(fits) == 1
-        moves.update(fits)
-    assert {y for y, _ in moves} == set(range(7))
-    assert {x for _, x in moves} == set(range(5))
-
-
-def test_moves_follow_from_seed_epoch_and_step_alone():
-    images = np.random.default_rng(0).integers(0, 256, (8, 80, 80), np.uint8)
-    moved = [shifted(images, *key).tobytes() for key in [(1, 2, 3), (2, 2, 3), (1, 3, 3), (1, 2, 4)]]
-    assert moved[0] == shifted(images, 1, 2, 3).tobytes()
-    assert len(set(moved)) == 4
-
-
-def test_small_images_stay_where_they_are():
-    images = np.random.default_rng(0).integers(0, 256, (8, 39, 39), np.uint8)
-    assert np.array_equal(shifted(images, 0, 1, 0), images)
-
-
 def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Samples):
     images, forces = blobs.images.copy(), blobs.forces.copy()
     images[3, 2, 1] ^= 1
@@ -129,6 +100,7 @@ def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Sampl
         replace(blobs, forces=forces),
         replace(blobs, train_index=blobs.train_index[::-1]),
         replace(blobs, train_index=blobs.train_index[:-1]),
+        replace(blobs, auxiliary=blobs.auxiliary[:, :1]),
     ]
     prints = {
         fingerprint(samples) for samples in [blobs, replace(blobs, images=blobs.images.copy()), *others]

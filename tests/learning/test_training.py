@@ -29,7 +29,8 @@ def kill_after(step: int) -> Callable[[Progress], None]:
 
 def run(config: TrainConfig, samples: Samples, folder: Path, identity: Identity, **options) -> TrainResult:
     index = (samples.train_index, samples.validation_index)
-    return train(config, samples.images, samples.forces, *index, folder, identity, **options)
+    images, forces = samples.images, samples.forces
+    return train(config, images, forces, *index, folder, identity, auxiliary=samples.auxiliary, **options)
 
 
 def without_seconds(history: tuple[EpochRecord, ...]) -> list[EpochRecord]:
@@ -46,13 +47,13 @@ def assert_same_to_the_last_bit(first: Checkpoint, second: Checkpoint) -> None:
 
 
 def test_light_network_learns_64_images_by_heart(tmp_path: Path, blobs: Samples, identity: Identity):
-    run(TrainConfig(epochs=60, batch=16, threads=1, seed=1), blobs, tmp_path / "run", identity)
+    run(TrainConfig(epochs=120, batch=16, threads=1, seed=1), blobs, tmp_path / "run", identity)
     with torch.inference_mode():
-        forces = load_model(tmp_path / "run")(torch.from_numpy(blobs.images[:64, None]) / 255).numpy()
+        forces = load_model(tmp_path / "run")(torch.from_numpy(blobs.images[:64, None]) / 255)[0].numpy()
     error = np.abs(forces - blobs.forces[:64]).mean(axis=0)
-    # 240 steps reach about 5 % of each contact's spread; always answering the median would be about 80 %.
+    # 480 steps with moves, noise and fading reach about 10 % of the spread; the median alone about 80 %.
     varying = [0, 1, 2, 3, 4, 6]
-    assert (error[varying] < 0.15 * blobs.forces[:64, varying].std(axis=0)).all()
+    assert (error[varying] < 0.25 * blobs.forces[:64, varying].std(axis=0)).all()
     assert error[5] < 1e-3
 
 
@@ -132,7 +133,7 @@ def test_validation_losses_are_those_of_the_kept_network(trained: Path, blobs: S
     checkpoint = load_checkpoint(trained)
     best = checkpoint.history[checkpoint.position.best_epoch - 1]
     with torch.inference_mode():
-        forces = load_model(trained)(torch.from_numpy(blobs.images[64:, None]) / 255).numpy()
+        forces = load_model(trained)(torch.from_numpy(blobs.images[64:, None]) / 255)[0].numpy()
     error = np.abs(forces - blobs.forces[64:])
     # Single precision, summed in another order.
     assert best.validation_l1 == pytest.approx(error.mean(), rel=1e-5)
@@ -160,7 +161,9 @@ def test_paper_recipe_validates_every_fifth_epoch_and_stops_when_stalled(
 def test_paper_network_trains(tmp_path: Path, identity: Identity):
     images = np.zeros((4, 128, 128), np.uint8)
     images[:, :, :64] = np.arange(4)[:, None, None] * 80
-    samples = Samples(images, np.ones((4, 7), np.float32), np.arange(3), np.arange(3, 4))
+    samples = Samples(
+        images, np.ones((4, 7), np.float32), np.arange(3), np.arange(3, 4), np.zeros((4, 2), np.float32)
+    )
     result = run(TrainConfig(network="paper", epochs=2, threads=1), samples, tmp_path / "run", identity)
     assert result.best.epoch == 2
     assert result.history[0].validation_loss is None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float32, Int
 
 from exosight.dataset import Frames, Manifest, Split, dataset_identity, make_split, read_frames, read_manifest
 from exosight.errors import InputError
@@ -14,6 +14,9 @@ from exosight.learning.config import TrainConfig
 from exosight.learning.history import EpochRecord
 from exosight.learning.model_file import ModelCard
 from exosight.vision.camera import Camera
+
+HINGES = 3
+"""Coordinates of a pose that are joint angles: the last."""
 
 MODEL = "model.onnx"
 """Name of the exported network in a run's folder."""
@@ -70,12 +73,20 @@ def fit(
         split.validation,
         folder,
         identity(data, split),
+        auxiliary=auxiliary(data.frames),
         resume=resume,
         progress=lambda at: progress(at.step, at.steps),
     )
     if not (folder / MODEL).exists():
-        export_onnx(folder, folder / MODEL)
+        kept = split.validation
+        export_onnx(folder, folder / MODEL, data.frames.images[kept], data.frames.forces[kept])
     return result.history
+
+
+def auxiliary(frames: Frames) -> Float32[np.ndarray, "frames 5"]:
+    """What a network learns to tell beside the forces: the finger's joint angles [rad], u and F_net [N]."""
+    angles = frames.pose[:, -HINGES:]
+    return np.column_stack([angles, frames.u, frames.forces.sum(axis=1)]).astype(np.float32)
 
 
 def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], str]:

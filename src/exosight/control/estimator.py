@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from exosight.errors import DataError, InputError
-from exosight.learning.model_file import ModelCard, open_model
+from exosight.learning.intervals import interval
+from exosight.learning.model_file import OUTPUTS, ModelCard, open_model
 
 # At this many 128×128 images the paper network's first layer holds 260 MB.
 _BATCH = 64
@@ -21,6 +22,20 @@ class Estimator(Protocol):
     def estimate(self, images: UInt8[np.ndarray, "frames height width"]) -> Float32[np.ndarray, "frames 7"]:
         """Forces on C1…C7 [N], one row an image."""
         ...
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What a network reads off images, one row an image."""
+
+    forces: Float32[np.ndarray, "frames 7"]
+    """on C1…C7 [N]"""
+    low: Float32[np.ndarray, "frames 7"]
+    """lower end of the interval [N]"""
+    high: Float32[np.ndarray, "frames 7"]
+    """upper end [N]"""
+    contact: Float32[np.ndarray, "frames 7"]
+    """probability that there is contact [-]"""
 
 
 @dataclass(frozen=True)
@@ -44,9 +59,15 @@ class OnnxEstimator:
         return OnnxEstimator(session, card)
 
     def estimate(self, images: np.ndarray) -> Float32[np.ndarray, "frames 7"]:
-        """Forces on C1…C7 [N], one row an image.
+        """Forces on C1…C7 [N], one row an image; arguments and errors as for `read`."""
+        return self.read(images).forces
+
+    def read(self, images: np.ndarray, level: float = 0.9) -> Reading:
+        """Forces, intervals and contact.
 
         images    (frames, height, width)  uint8 gray values, of the size that the network was trained on
+        level     share of images, of the kind that the network was calibrated with, whose true force is to
+                  lie in its interval: one of `exosight.learning.intervals.LEVELS`
 
         Raises InputError for images of another type or size, DataError if the network answers no number.
         """
@@ -56,11 +77,13 @@ class OnnxEstimator:
                 f"images: this estimator needs uint8 (frames, {size[0]}, {size[1]}), got {images.dtype} "
                 f"{images.shape}; render or resize them to {size[0]}×{size[1]} pixels"
             )
-        forces = np.empty((len(images), len(self.card.contacts)), np.float32)
+        found = np.empty((len(OUTPUTS), len(images), len(self.card.contacts)), np.float32)
         for start in range(0, len(images), _BATCH):
             part = slice(start, start + _BATCH)
             scaled = images[part, None].astype(np.float32) / np.float32(255)
-            forces[part] = self.session.run(["forces"], {"image": scaled})[0]
-        if not np.isfinite(forces).all():
+            found[:, part] = self.session.run(list(OUTPUTS), {"image": scaled})
+        if not np.isfinite(found).all():
             raise DataError("the network answers forces that are not finite; train and export it again")
-        return forces
+        forces, expected_error, contact = found
+        low, high = interval(self.card.widths, level, forces, expected_error)
+        return Reading(forces, low, high, contact)

@@ -197,7 +197,9 @@ def _observe(robot: Robot, q: Float[Array, " dofs"]) -> Pose:
     motion = walk(robot, q)
     contact = next(term for term in robot.terms if isinstance(term, SphereContact))
     force = contact.forces(robot, motion.position)
-    forces = jnp.sqrt(jnp.sum(force**2, axis=-1))
+    squared = jnp.sum(force**2, axis=-1)
+    pressed = squared > 0  # the root of 0 has no derivative, but a sphere that touches nothing has: 0
+    forces = jnp.where(pressed, jnp.sqrt(jnp.where(pressed, squared, 1.0)), 0.0)
     links = [body for body in robot.bodies if body.name != ROD]
     joints = jnp.concatenate([q[robot.dof_slice(link.name)] for link in links])
     bases = jnp.stack([motion.position[robot.frame_slice(link.name)][0] for link in links])

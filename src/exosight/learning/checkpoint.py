@@ -1,8 +1,8 @@
 """The checkpoint file: everything from which a killed run goes on exactly, and the best network so far.
 
-One safetensors file: tensors `network.*` (now), `best.*` (lowest validation loss), `optimizer.exp_avg.*` and
-`optimizer.exp_avg_sq.*` (Adam's moments); in its header, as text, the JSON of the rest
-of `Checkpoint` and a SHA-256 over everything. Nothing in it is ever executed.
+One safetensors file: tensors `network.*` (now), `average.*` (of its weights so far), `best.*` (that of the
+lowest validation loss), `optimizer.exp_avg.*` and `optimizer.exp_avg_sq.*` (Adam's moments); in its header,
+as text, the JSON of the rest of `Checkpoint` and a SHA-256 over everything. Nothing in it is ever executed.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ from exosight.learning.samples import CONTACTS
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 MOMENTS = ("exp_avg", "exp_avg_sq")
-_FORMAT = 1
+_FORMAT = 2
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,13 @@ class RunIdentity:
     image_size: ImageSize
     force_scale: tuple[float, ...]
     """newtons that one unit of the network's output stands for, C1…C7"""
+    auxiliary_scale: tuple[float, ...]
+    """what one unit of its auxiliary outputs stands for"""
+
+    def build_network(self) -> nn.Sequential:
+        """The network with its first weights."""
+        settings = self.settings
+        return build_network(settings.network, self.image_size, len(self.auxiliary_scale), settings.seed)
 
 
 @dataclass(frozen=True)
@@ -154,16 +161,20 @@ def load_model(source: Path) -> ForceModel:
     if checkpoint.position.best_epoch == 0:
         raise DataError(f"{source}: the run stopped before its first validation; resume it")
     run = checkpoint.run
-    network = build_network(run.settings.network, run.image_size, run.settings.seed)
+    network = run.build_network()
     network.load_state_dict(_part(checkpoint.tensors, "best."))
     return ForceModel(network, torch.tensor(run.force_scale, dtype=torch.float32)).eval()
 
 
 def collect_tensors(
-    network: nn.Module, best: Mapping[str, Tensor], optimizer: torch.optim.Optimizer
+    network: nn.Module,
+    average: Mapping[str, Tensor],
+    best: Mapping[str, Tensor],
+    optimizer: torch.optim.Optimizer,
 ) -> dict[str, Tensor]:
     """Name every tensor of a run as the checkpoint file does."""
     tensors = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
+    tensors |= {f"average.{name}": tensor for name, tensor in average.items()}
     tensors |= {f"best.{name}": tensor for name, tensor in best.items()}
     for name, parameter in network.named_parameters():
         for moment in MOMENTS:
@@ -172,14 +183,18 @@ def collect_tensors(
 
 
 def restore_tensors(
-    checkpoint: Checkpoint, network: nn.Module, best: Mapping[str, Tensor], optimizer: torch.optim.Optimizer
+    checkpoint: Checkpoint,
+    network: nn.Module,
+    average: Mapping[str, Tensor],
+    best: Mapping[str, Tensor],
+    optimizer: torch.optim.Optimizer,
 ) -> None:
-    """Copy a checkpoint's tensors into the network, its best copy and the optimiser, in place.
+    """Copy a checkpoint's tensors into the network, its copies and the optimiser, in place.
 
     In place, since a tensor laid out otherwise in memory may be summed in another order.
     """
     with torch.no_grad():
-        for name, tensor in collect_tensors(network, best, optimizer).items():
+        for name, tensor in collect_tensors(network, average, best, optimizer).items():
             tensor.copy_(checkpoint.tensors[name])
         for state in optimizer.state.values():
             state["step"].fill_(checkpoint.position.step)
@@ -199,6 +214,8 @@ def _contradiction(checkpoint: Checkpoint) -> str | None:
     run, position, history = checkpoint.run, checkpoint.position, checkpoint.history
     if len(run.force_scale) != len(CONTACTS) or not all(0 < x < math.inf for x in run.force_scale):
         return f"force_scale is {run.force_scale}"
+    if len(run.auxiliary_scale) > 1000 or not all(0 < x < math.inf for x in run.auxiliary_scale):
+        return f"auxiliary_scale is {run.auxiliary_scale[:3]}, …"
     if [record.epoch for record in history] != list(range(1, position.epoch + 1)):
         return f"{position.epoch} epochs done, but {len(history)} in the history"
     validated = {record.epoch for record in history if record.validation_loss is not None}
@@ -207,13 +224,13 @@ def _contradiction(checkpoint: Checkpoint) -> str | None:
     try:
         # No memory is taken for the weights, however large an image size the header claims.
         with torch.device("meta"):
-            network = build_network(run.settings.network, run.image_size, run.settings.seed)
+            network = run.build_network()
     except InputError as error:
         return str(error)
     optimizer = torch.optim.AdamW(network.parameters())
     for parameter in network.parameters():
         optimizer.state[parameter] = dict.fromkeys(MOMENTS, parameter)
-    expected = collect_tensors(network, network.state_dict(), optimizer)
+    expected = collect_tensors(network, network.state_dict(), network.state_dict(), optimizer)
     if expected.keys() != checkpoint.tensors.keys():
         odd = sorted(expected.keys() ^ checkpoint.tensors.keys())[0]
         return f"{odd} is in only one of the {run.settings.network} network and the file"

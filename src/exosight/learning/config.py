@@ -11,6 +11,7 @@ from exosight.learning.recipes import RECIPES
 
 NetworkName = Literal["light", "paper"]
 RecipeName = Literal["modern", "paper"]
+Precision = Literal["float32", "bfloat16"]
 
 _RECIPE_OF_NETWORK: dict[NetworkName, RecipeName] = {"light": "modern", "paper": "paper"}
 
@@ -20,21 +21,23 @@ class TrainConfig:
     """One training run: the network brings its recipe, the recipe its epochs and learning rate."""
 
     network: NetworkName = "light"
-    """light: 14 M multiply-adds an image, made for a CPU; paper: the published network, 78,847 parameters"""
+    """light: 39 M multiply-adds an image, made for a CPU; paper: the published network, 78,847 parameters"""
     recipe: RecipeName | None = None
     """modern: one-cycle AdamW; paper: Adam until a plateau; default: modern for light, paper for paper"""
     epochs: Annotated[int, Field(ge=1, le=100_000)] | None = None
     """passes over the training part; default: the recipe's (paper: at most, it stops when it stalls)"""
     learning_rate: Annotated[float, Field(gt=0, le=1)] | None = None
     """largest learning rate; default: the recipe's"""
-    batch: Annotated[int, Field(ge=4, le=65_536)] = 64
-    """images a step"""
+    batch: Annotated[int, Field(ge=4, le=65_536)] | None = None
+    """images a step; default: the recipe's"""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """decides the first weights and the order of the images"""
     threads: Annotated[int, Field(ge=1, le=1024)] | None = None
     """CPU threads; default: one a core. Another count rounds differently in the last digit"""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """where to train; auto: the GPU where there is one"""
+    precision: Literal["auto", "float32", "bfloat16"] = "auto"
+    """of the convolutions' arithmetic; auto: bfloat16 where the processor has it and the recipe allows"""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,20 +52,25 @@ class Settings:
     seed: int
     threads: int
     device: Literal["cpu", "cuda"]
+    precision: Precision
 
 
-def resolve(config: TrainConfig, device: Literal["cpu", "cuda"]) -> Settings:
-    """Spell out the defaults; which device `auto` means only PyTorch can tell, so it is given."""
+def resolve(config: TrainConfig, device: Literal["cpu", "cuda"], precision: Precision) -> Settings:
+    """Spell out the defaults.
+
+    device, precision   what `auto` means on this machine, which only PyTorch can tell
+    """
     recipe = config.recipe or _RECIPE_OF_NETWORK[config.network]
     return Settings(
         network=config.network,
         recipe=recipe,
         epochs=config.epochs or RECIPES[recipe].epochs,
         learning_rate=config.learning_rate or RECIPES[recipe].learning_rate,
-        batch=config.batch,
+        batch=config.batch or RECIPES[recipe].batch,
         seed=config.seed,
         threads=config.threads or _cores(),
         device=device,
+        precision=RECIPES[recipe].precision or precision if config.precision == "auto" else config.precision,
     )
 
 

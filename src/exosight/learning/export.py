@@ -11,13 +11,15 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
+from jaxtyping import Float32, UInt8
 
 import exosight
 from exosight.errors import DataError, InputError
 from exosight.files import replace_file
 from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
-from exosight.learning.model_file import ModelCard, card_to_metadata, open_session, seal
-from exosight.learning.networks import ForceModel
+from exosight.learning.intervals import Widths, calibrate
+from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, open_session, seal
+from exosight.learning.networks import ForceModel, answers
 from exosight.learning.samples import CONTACTS
 
 # Operator set 18 with file format 8, both of ONNX 1.13 (2022): the oldest that PyTorch writes, so that
@@ -25,17 +27,26 @@ from exosight.learning.samples import CONTACTS
 _OPERATOR_SET = 18
 _FILE_FORMAT = 8
 
+_BATCH = 256
+
 _TOLERANCE = 1e-5
 """Float32 keeps seven digits and a forward pass sums a few hundred terms; measured: about 5e-7."""
 
 
-def export_onnx(source: Path, path: Path) -> ModelCard:
+def export_onnx(
+    source: Path,
+    path: Path,
+    images: UInt8[np.ndarray, "frames height width"],
+    forces: Float32[np.ndarray, "frames 7"],
+) -> ModelCard:
     """Write the best network of a run as an ONNX file, after checking it against ONNX Runtime.
 
     Its input `image` is float32 (batch, 1, height, width) in [0, 1], its output `forces` float32 (batch, 7),
     C1…C7 [N].
 
     source   a run's folder, or its checkpoint
+    images   frames that the run has not learned from, such as its validation part, and
+    forces   their true forces [N]: they set how wide the intervals around estimates are
     returns  what the file's metadata say
 
     Raises InputError if `path` exists, DataError if the checkpoint cannot be used or the exported network
@@ -44,7 +55,7 @@ def export_onnx(source: Path, path: Path) -> ModelCard:
     if path.exists():
         raise InputError(f"{path}: exists already; choose another name")
     checkpoint, model = load_checkpoint(source), load_model(source)
-    card = _card(checkpoint)
+    card = _card(checkpoint, calibrate(*_answers(model, images), forces))
     proto = _convert(model, card)
     _verify(proto, model, card)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -52,7 +63,20 @@ def export_onnx(source: Path, path: Path) -> ModelCard:
     return card
 
 
-def _card(checkpoint: Checkpoint) -> ModelCard:
+def _answers(
+    model: ForceModel, images: UInt8[np.ndarray, "frames height width"]
+) -> tuple[Float32[np.ndarray, "frames 7"], Float32[np.ndarray, "frames 7"]]:
+    """Forces and the errors to be expected of them [N]."""
+    parts = []
+    with torch.inference_mode():
+        for start in range(0, len(images), _BATCH):
+            forces, error, _ = model(torch.from_numpy(images[start : start + _BATCH, None]).float() / 255)
+            parts.append((forces.numpy(), error.numpy()))
+    forces, error = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return forces, error
+
+
+def _card(checkpoint: Checkpoint, widths: Widths) -> ModelCard:
     run, best = checkpoint.run, checkpoint.history[checkpoint.position.best_epoch - 1]
     return ModelCard(
         exosight_version=exosight.__version__,
@@ -67,6 +91,7 @@ def _card(checkpoint: Checkpoint) -> ModelCard:
         validation_l1=best.validation_l1 or 0.0,
         training=asdict(run.settings),
         data=run.data_identity,
+        widths=widths,
     )
 
 
@@ -79,7 +104,7 @@ def _convert(model: ForceModel, card: ModelCard) -> onnx.ModelProto:
             (example,),
             dynamo=True,
             input_names=["image"],
-            output_names=["forces"],
+            output_names=list(OUTPUTS),
             dynamic_shapes={"image": {0: torch.export.Dim("batch")}},
             opset_version=_OPERATOR_SET,
             external_data=False,
@@ -110,25 +135,30 @@ def _verify(proto: onnx.ModelProto, model: ForceModel, card: ModelCard) -> None:
     """Compare both networks on random images, before the limit at zero: behind it, wrong may look right."""
     unlimited = onnx.ModelProto()
     unlimited.CopyFrom(proto)
-    last = unlimited.graph.node.pop()
-    last_but_one = unlimited.graph.node[-1]
-    if (last.op_type, list(last.input)) != ("Relu", list(last_but_one.output)):
-        raise DataError(f"the exported network ends in {last.op_type}, not in the limit at zero")
-    last_but_one.output[0] = "forces"
+    nodes = unlimited.graph.node
+    (limit,) = [node for node in nodes if "forces" in node.output]
+    if limit.op_type != "Relu":
+        raise DataError(f"the exported forces end in {limit.op_type}, not in the limit at zero")
+    (before,) = [node for node in nodes if limit.input[0] in node.output]
+    nodes.remove(limit)
+    before.output[0] = "forces"
     session, _ = open_session(unlimited.SerializeToString(), 1, "the exported network")
 
     generator = np.random.default_rng(0)
     images = generator.random((8, 1, card.image_height, card.image_width), dtype=np.float32)
     images *= np.linspace(0, 1, 8, dtype=np.float32)[:, None, None, None]
     with torch.inference_mode():
-        expected = (model.network(torch.from_numpy(images)) * model.scale).numpy()
-    error = np.abs(np.asarray(session.run(["forces"], {"image": images})[0]) - expected).max()
-    limit = _TOLERANCE * max(1.0, float(np.abs(expected).max()))
-    if not error <= limit:
-        raise DataError(
-            f"the exported network differs from the trained one by {error:.1e} N, allowed are {limit:.1e} N; "
-            "nothing was written"
-        )
+        raw = answers(model.network(torch.from_numpy(images))).forces * model.scale
+        expected = [raw.numpy(), model(torch.from_numpy(images))[1].numpy()]
+    found = session.run(["forces", "expected_error"], {"image": images})
+    for mine, true in zip(found, expected, strict=True):
+        error = np.abs(np.asarray(mine) - true).max()
+        limit = _TOLERANCE * max(1.0, float(np.abs(true).max()))
+        if not error <= limit:
+            raise DataError(
+                f"the exported network differs from the trained one by {error:.1e} N, allowed are "
+                f"{limit:.1e} N; nothing was written"
+            )
 
 
 @contextlib.contextmanager

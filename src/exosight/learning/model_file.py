@@ -14,9 +14,14 @@ from typing import Any
 import pydantic
 
 from exosight.errors import DataError
+from exosight.learning.intervals import Widths
 
 # ModelProto.metadata_props (field 14, 74 bytes) = {key (field 1): "sha256", value (field 2): 64 hex digits}
 _SEAL_START = b"\x72\x4a\x0a\x06sha256\x12\x40"
+
+
+OUTPUTS = ("forces", "expected_error", "contact")
+"""Of the network in the file: forces [N], the error to be expected of each [N], probability of contact."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,8 @@ class ModelCard:
     """the settings of the training run"""
     data: dict[str, str | int | float]
     """identity of the frames learned from, camera included"""
+    widths: Widths
+    """of the intervals around its estimates"""
 
 
 _CARD = pydantic.TypeAdapter(ModelCard)
@@ -105,9 +112,8 @@ def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
         raise DataError(f"{name}: not an estimator of this version of exosight; export it again") from error
     inputs = [(node.name, node.type, node.shape[1:]) for node in session.get_inputs()]
     outputs = [(node.name, node.type, node.shape[1:]) for node in session.get_outputs()]
-    if inputs != [("image", "tensor(float)", [1, card.image_height, card.image_width])] or outputs != [
-        ("forces", "tensor(float)", [len(card.contacts)])
-    ]:
+    wanted = [(name, "tensor(float)", [len(card.contacts)]) for name in OUTPUTS]
+    if inputs != [("image", "tensor(float)", [1, card.image_height, card.image_width])] or outputs != wanted:
         raise DataError(
             f"{name}: inputs {inputs} and outputs {outputs} do not fit its metadata; export it again"
         )

@@ -7,7 +7,7 @@ needs no scheduler state to go on as if it had never stopped.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from exosight.learning.history import EpochRecord
 
@@ -26,6 +26,16 @@ class Recipe(Protocol):
         ...
 
     @property
+    def batch(self) -> int:
+        """Default number of images a step."""
+        ...
+
+    @property
+    def precision(self) -> Literal["float32", "bfloat16"] | None:
+        """The one it asks for; None: the fastest that the machine has."""
+        ...
+
+    @property
     def weight_decay(self) -> float:
         """Decoupled weight decay (AdamW); 0 is plain Adam."""
         ...
@@ -41,8 +51,13 @@ class Recipe(Protocol):
         ...
 
     @property
-    def shifts_images(self) -> bool:
-        """Whether the training images are moved by up to 1/40 of their side, at random."""
+    def augments(self) -> bool:
+        """Whether the training images are moved, faded and made noisy at random, see `augmentation`."""
+        ...
+
+    @property
+    def memory(self) -> float:
+        """Share of the running average of the weights that a step leaves; 0: the last weights are kept."""
         ...
 
     @property
@@ -72,10 +87,13 @@ class Modern:
 
     learning_rate: float = 3e-3
     epochs: int = 40
+    batch: int = 128
+    precision: Literal["float32", "bfloat16"] | None = None
     weight_decay: float = 0.01
     scales_forces: bool = True
     loss_corner: float = 1.0
-    shifts_images: bool = True
+    augments: bool = True
+    memory: float = 0.999
     validate_every: int = 1
 
     def rate(self, peak: float, step: int, steps: int, history: Sequence[EpochRecord]) -> float:
@@ -101,10 +119,13 @@ class Paper:
 
     learning_rate: float = 2e-4
     epochs: int = 2000
+    batch: int = 64
+    precision: Literal["float32", "bfloat16"] | None = "float32"
     weight_decay: float = 0.0
     scales_forces: bool = False
     loss_corner: float = 0.0
-    shifts_images: bool = False
+    augments: bool = False
+    memory: float = 0.0
     validate_every: int = 5
     plateau_epochs: int = 10
     patience: int = 5

@@ -20,7 +20,6 @@ from exosight.learning.checkpoint import (
     save_checkpoint,
 )
 from exosight.learning.history import HISTORY_NAME, EpochRecord, write_history
-from exosight.learning.networks import build_network
 from exosight.learning.recipes import RECIPES
 
 
@@ -32,10 +31,13 @@ class Run:
         self.identity = identity
         self.folder = folder
         self.recipe = RECIPES[settings.recipe]
-        network = build_network(settings.network, identity.image_size, settings.seed)
-        # Channels last: a step of the light network takes 60 ms on two cores, against 100 ms otherwise.
+        network = identity.build_network()
+        # Channels last: a step takes 60 to 90 % of the time that it takes otherwise.
         self.network = network.to(memory_format=torch.channels_last).to(settings.device)  # pyright: ignore[reportCallIssue]
         self.scale = torch.tensor(identity.force_scale, dtype=torch.float32, device=settings.device)
+        self.auxiliary_scale = torch.tensor(
+            identity.auxiliary_scale, dtype=torch.float32, device=settings.device
+        )
         # With no weight decay AdamW is Adam to the letter.
         self.optimizer = torch.optim.AdamW(
             self.network.parameters(), lr=settings.learning_rate, weight_decay=self.recipe.weight_decay
@@ -43,6 +45,7 @@ class Run:
         for parameter in self.network.parameters():
             zeros = {moment: torch.zeros_like(parameter) for moment in MOMENTS}
             self.optimizer.state[parameter] = {"step": torch.zeros(()), **zeros}
+        self.average = copy_of(self.network)
         self.best = copy_of(self.network)
         self.position = Position()
         self.history: tuple[EpochRecord, ...] = ()
@@ -53,9 +56,15 @@ class Run:
         losses = (record.validation_loss for record in self.history)
         return min((loss for loss in losses if loss is not None), default=math.inf)
 
+    def averaged(self) -> nn.Sequential:
+        """The network with the running average of its weights, which is what is validated and kept."""
+        network = self.identity.build_network().to(self.identity.settings.device)
+        network.load_state_dict(self.average)
+        return network
+
     def save(self) -> None:
         """Write checkpoint, then loss curves: of the two, the checkpoint decides."""
-        tensors = collect_tensors(self.network, self.best, self.optimizer)
+        tensors = collect_tensors(self.network, self.average, self.best, self.optimizer)
         save_checkpoint(self.folder, self.identity, self.position, self.history, tensors)
         write_history(self.folder, self.history)
 
@@ -82,7 +91,7 @@ def open_run(identity: RunIdentity, folder: Path, resume: bool) -> Run:
         raise InputError(
             f"{folder}: holds another run ({difference}); ask for the same or choose another folder"
         )
-    restore_tensors(checkpoint, run.network, run.best, run.optimizer)
+    restore_tensors(checkpoint, run.network, run.average, run.best, run.optimizer)
     run.position, run.history = checkpoint.position, checkpoint.history
     # A run killed between the two files left a table one epoch short.
     write_history(folder, run.history)

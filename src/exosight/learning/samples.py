@@ -1,10 +1,10 @@
 """The frames of a run: what is accepted, their scale, their order, their fingerprint."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64, Integer, UInt8
+from jaxtyping import Float32, Float64, Int64, Integer
 
 from exosight.errors import InputError
 
@@ -29,6 +29,8 @@ class Samples:
     """(n,) frames to learn from"""
     validation_index: np.ndarray
     """(m,) frames to validate on"""
+    auxiliary: np.ndarray
+    """(frames, n) float32, what else a network may learn to tell, in any units; n may be 0"""
 
 
 def check_samples(samples: Samples) -> None:
@@ -53,6 +55,14 @@ def check_samples(samples: Samples) -> None:
             f"forces: expected finite magnitudes of at least 0 N, got {forces[bad[0]].tolist()} in frame "
             f"{bad[0]} ({bad.size} such frames); drop frames that did not converge"
         )
+    extra = samples.auxiliary
+    if extra.ndim != 2 or len(extra) != len(images) or extra.dtype != np.float32:
+        raise InputError(
+            f"auxiliary: expected float32 ({len(images)}, n), one row an image, "
+            f"got {extra.dtype} {extra.shape}"
+        )
+    if not np.isfinite(extra).all():
+        raise InputError("auxiliary: expected finite numbers, got NaN or infinity among them")
     for name, (index, least) in indices.items():
         if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
             raise InputError(f"{name}: expected a list of integers, got {index.dtype} {index.shape}")
@@ -67,9 +77,9 @@ def check_samples(samples: Samples) -> None:
         raise InputError(f"train_index and validation_index share {shared} frames; split them apart")
 
 
-def force_scale(forces: Float32[np.ndarray, "frames 7"]) -> Float64[np.ndarray, "7"]:
-    """Standard deviation of each contact [N], at least a hundredth of the largest; 1 N if nothing varies."""
-    deviation = forces.std(axis=0, dtype=np.float64)
+def scale_of(values: Float32[np.ndarray, "frames n"]) -> Float64[np.ndarray, " n"]:
+    """Standard deviation of each column, at least a hundredth of the largest; 1 if nothing varies."""
+    deviation = values.std(axis=0, dtype=np.float64)
     if not deviation.any():
         return np.ones_like(deviation)
     return np.maximum(deviation, _SMALLEST_SCALE * deviation.max())
@@ -86,27 +96,10 @@ def epoch_batches(
     return np.array_split(order, -(-len(order) // batch))
 
 
-def shifted(
-    images: UInt8[np.ndarray, "batch height width"], seed: int, epoch: int, step: int
-) -> UInt8[np.ndarray, "batch height width"]:
-    """Move each image by its own whole pixels, up to 1/40 of its side; the border repeats into the gap.
-
-    The moves follow from seed, epoch and step alone.
-    """
-    _, height, width = images.shape
-    down, right = height // 40, width // 40
-    padded = np.pad(images, ((0, 0), (down, down), (right, right)), mode="edge")
-    generator = np.random.default_rng(np.random.SeedSequence([seed, epoch], spawn_key=(step,)))
-    moves = generator.integers(0, [2 * down + 1, 2 * right + 1], (len(images), 2))
-    return np.stack(
-        [image[y : y + height, x : x + width] for image, (y, x) in zip(padded, moves, strict=True)]
-    )
-
-
 def fingerprint(samples: Samples) -> str:
     """SHA-256 over types, shapes and contents: tells a resumed run whether the data are the same."""
     digest = hashlib.sha256()
-    for array in (samples.images, samples.forces, samples.train_index, samples.validation_index):
+    for array in (getattr(samples, field.name) for field in fields(samples)):
         digest.update(f"{array.dtype.str}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
     return digest.hexdigest()

@@ -1,0 +1,62 @@
+"""Intervals hold the share of frames that they promise, whatever the errors look like."""
+
+import numpy as np
+import pytest
+
+from exosight.errors import InputError
+from exosight.learning.intervals import LEVELS, calibrate, interval
+
+
+def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Estimates, expected errors and truths: heavy-tailed errors, expected wrongly by a factor a contact."""
+    rng = np.random.default_rng(seed)
+    forces = np.maximum(0, rng.normal(0.2, 0.3, (count, 7)))
+    expected = rng.uniform(0.01, 0.1, (count, 7))
+    error = rng.standard_t(3, (count, 7)) * expected * np.linspace(0.5, 3, 7)
+    truth = np.where(forces > 0, forces + error, np.maximum(0, error) * (rng.random((count, 7)) < 0.1))
+    return forces, expected, truth
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_coverage_on_new_frames_is_the_level(level: float) -> None:
+    widths = calibrate(*drawn(20_000, 0))
+    forces, expected, truth = drawn(20_000, 1)
+    low, high = interval(widths, level, forces, expected)
+    # A lower end below zero is cut off, which these truths, unlike forces, may be.
+    covered = (truth <= high + 1e-6) & ((truth >= low - 1e-6) | (low == 0))
+    for i in range(7):
+        pressed = forces[:, i] > 0
+        # Four standard deviations of both quantile and count, about 15,000 frames each; cut ends only add.
+        slack = 4 * np.sqrt(2 * level * (1 - level) / pressed.sum())
+        assert covered[pressed, i].mean() > level - slack
+        # Nine in ten of the frames without a force are exactly right: the width is zero up to 90 %.
+        assert covered[~pressed, i].mean() > max(level, 0.9) - 4 * np.sqrt(0.2 / (~pressed).sum())
+
+
+def test_far_from_zero_coverage_is_not_above_the_level_either() -> None:
+    def shifted(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        forces, expected, _ = drawn(20_000, seed)
+        noise = np.random.default_rng(seed + 10).standard_t(3, forces.shape) * expected
+        return forces + 10, expected, forces + 10 + noise
+
+    widths = calibrate(*shifted(0))
+    forces, expected, truth = shifted(1)
+    for level in LEVELS:
+        low, high = interval(widths, level, forces, expected)
+        covered = ((truth >= low) & (truth <= high)).mean(axis=0)
+        # Four standard deviations of quantile and count.
+        assert covered == pytest.approx(level, abs=4 * np.sqrt(2 * level * (1 - level) / 20_000))
+
+
+def test_few_frames_give_wide_intervals_and_none_gives_the_estimate_itself() -> None:
+    forces, expected, truth = drawn(5, 0)
+    forces = forces + 1
+    widths = calibrate(forces, expected, truth)
+    largest = np.max(np.abs(forces - truth) / expected, axis=0)
+    assert widths.estimated_force[LEVELS.index(0.99)] == pytest.approx(largest)
+    assert widths.estimated_zero == ((0.0,) * 7,) * len(LEVELS)
+
+
+def test_a_level_that_was_not_calibrated_is_refused() -> None:
+    with pytest.raises(InputError, match=r"level: expected one of 0.5, 0.8, .*, got 0.7"):
+        interval(calibrate(*drawn(10, 0)), 0.7, *drawn(10, 0)[:2])
