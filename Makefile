@@ -32,7 +32,7 @@ figures: .venv/ready-train
 	@PYTHON="$(PYTHON)" sh tools/setup.sh train
 
 .venv/ready-test: pyproject.toml constraints.txt
-	@PYTHON="$(PYTHON)" sh tools/setup.sh train,test
+	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,test
 	@touch .venv/ready-train
 
 clean:

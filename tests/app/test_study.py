@@ -77,10 +77,9 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
     return folder, held
 
 
-def test_incomplete_data_are_left_aside(history: tuple[Path, dict]) -> None:
+def test_incomplete_data_are_gone_on_with(history: tuple[Path, dict]) -> None:
     folder, held = history
-    assert set(held["simulating"]) == {"study.json"}
-    assert (folder / "data_incomplete_0").is_dir()
+    assert set(held["simulating"]) == {"study.json", "data/job.json", "data/.lock"}
     assert "data/manifest.json" in held["second network"]
     assert read_manifest(folder / "data").seed == 3
 

@@ -1,254 +1,391 @@
-"""A dataset from simulation: the way each shape is driven, what is left out, and what is stored."""
+"""A dataset as a job: stopped and resumed, damaged and mended, made by one process or several."""
 
+import errno
+import hashlib
 import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
-import jax
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
-from exosight.dataset import generation, read_frames, read_manifest, sampled_shapes
+from exosight.dataset import generation, read_frames, read_manifest
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.frames import QUANTITIES, Frames, take
-from exosight.dataset.generation import (
-    CAUSES,
-    MAX_STEP,
-    crosses_itself,
-    exosuit_of,
-    first_cause,
-    generate,
-    load_path,
-    simulate,
-)
-from exosight.dataset.manifest import Manifest
+from exosight.dataset.frames import CAUSES, Frames
+from exosight.dataset.generation import generate, make_chunk
+from exosight.dataset.job import Job, opened
 from exosight.errors import DataError, InputError
-from exosight.exosuit.assembly import Pose, assemble, observe
-from exosight.exosuit.scenarios import sample_shapes
-from exosight.mechanics import potential, stack
-from exosight.vision.camera import Camera
-from exosight.vision.scene import picture
+from exosight.exosuit.scenarios import SampledShape
 
-CONFIG = GenerateConfig(
-    per_scenario=1, frames=5, seed=3, camera=Camera(metres_per_pixel=0.0044, width=32, height=24)
-)
+from .conftest import CAMERA, made_up
 
+CONFIG = GenerateConfig(per_scenario=2, frames=3, seed=3, camera=CAMERA)
+CHUNKS = 6  # of four shapes each, but for the last
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A dataset of 11 shapes and 5 frames each, in chunks of 6 and 5 shapes."""
-    folder = tmp_path_factory.mktemp("generated") / "data"
-    calls = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(generation, "SHAPES_PER_CHUNK", 6)
-        generate(CONFIG, folder, lambda done, total: calls.append((done, total)))
-    assert calls[0] == (0, 11)
-    assert calls[-1] == (11, 11)
-    assert calls == sorted(calls)
-    return folder
+DROPPED = {"not_converged": 0, "crosses_itself": 2, "tip_below_finger": 1}
 
 
-@pytest.fixture(scope="module")
-def manifest(folder: Path) -> Manifest:
-    return read_manifest(folder)
+def simulated(
+    config: GenerateConfig, shapes: list[SampledShape], done: Callable[[int], None] = lambda shapes: None
+) -> tuple[Frames, dict[str, int]]:
+    """In place of the simulation: frames that follow from the configuration and the shapes, at once."""
+    done(len(shapes))
+    return made_up(shapes, config.frames, seed=shapes[0].shape_id + 1000 * config.seed), DROPPED
 
 
-@pytest.fixture(scope="module")
-def frames(folder: Path) -> Frames:
-    return read_frames(folder)
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(generation, "SHAPES_PER_CHUNK", 4)
+    monkeypatch.setattr(generation, "simulate", simulated)
 
 
-# The way
+def contents(folder: Path) -> dict[str, str]:
+    """The checksum of every file, by name."""
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
 
 
-@given(frames=st.integers(2, 600))
-def test_every_path_turns_at_four_newtons_in_small_steps(frames: int) -> None:
-    loads, keep = load_path(frames)
-    assert loads[0] == loads[-1] == 0
-    assert loads.max() == 4
-    np.testing.assert_array_equal(loads, loads[::-1])
-    assert np.abs(np.diff(loads)).max() <= MAX_STEP + 1e-12  # round-off of the division
-    assert len(loads[keep]) == frames
+@pytest.fixture
+def whole(tmp_path: Path) -> Path:
+    """A dataset made without interruption."""
+    generate(CONFIG, tmp_path / "whole")
+    return tmp_path / "whole"
 
 
-@given(frames=st.integers(2, 600))
-def test_frames_lie_evenly_along_the_way(frames: int) -> None:
-    """0 → 4 → 0 N is 8 N long: frame k stands 8 k / (frames − 1) along it."""
-    loads, keep = load_path(frames)
-    way = np.concatenate([[0], np.cumsum(np.abs(np.diff(loads)))])
-    np.testing.assert_allclose(way[keep], np.linspace(0, 8, frames), atol=1e-11)
+def made_numbers(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The first shape of each chunk that is simulated from now on, as it is."""
+    numbers = []
+
+    def counted(config: GenerateConfig, shapes: list[SampledShape], *rest) -> tuple[Frames, dict[str, int]]:
+        numbers.append(shapes[0].shape_id)
+        return simulated(config, shapes, *rest)
+
+    monkeypatch.setattr(generation, "simulate", counted)
+    return numbers
 
 
-def test_paths_of_two_and_three_frames() -> None:
-    for frames, kept in ((2, [0, 0]), (3, [0, 4, 0])):
-        loads, keep = load_path(frames)
-        np.testing.assert_array_equal(loads[keep], kept)
+# The folder
 
 
-# What is left out
+def test_chunks_are_filled_in_order(whole: Path) -> None:
+    manifest = read_manifest(whole)
+    shape_ids = [chunk.shape_ids for chunk in manifest.chunks]
+    assert shape_ids == [tuple(range(k, min(k + 4, 22))) for k in range(0, 22, 4)]
+    names = [f"chunk_000{k}.{kind}" for k in range(CHUNKS) for kind in ("h5", "json")]
+    others = [".lock", "README.md", "croissant.json", "job.json", "manifest.json"]
+    assert sorted(path.name for path in whole.iterdir()) == sorted(names + others)
 
 
-def polyline(*points: tuple[float, float]) -> np.ndarray:
-    """One frame of points (x, z), at depths y that must not matter."""
-    line = np.array(points, dtype=float)
-    depth = np.arange(len(line)) ** 2 % 7
-    return np.stack([line[:, 0], depth, line[:, 1]], axis=1)[None]
+def test_every_frame_is_kept_or_counted(whole: Path) -> None:
+    manifest = read_manifest(whole)
+    assert manifest.dropped == {cause: CHUNKS * count for cause, count in DROPPED.items()}
+    assert manifest.frames == len(read_frames(whole)) == 22 * CONFIG.frames
 
 
-@pytest.mark.parametrize(
-    ("crosses", "points"),
-    [
-        (False, [(0, 0), (1, 0), (2, 0)]),
-        (False, [(0, 0), (1, 0), (1, 1), (0, 1)]),
-        (False, [(0, 0), (3, 0), (3, 3), (1, 3), (1, 1), (2, 1)]),  # a spiral inwards
-        (True, [(0, 0), (2, 2), (2, 0), (0, 2)]),  # a bow tie
-        (True, [(0, 0), (4, 0), (4, 2), (2, 2), (2, -1)]),  # a loop
-    ],
-)
-def test_known_lines_cross_themselves_or_not(crosses: bool, points: list[tuple[float, float]]) -> None:
-    assert crosses_itself(polyline(*points)).tolist() == [crosses]
-
-
-# Whole numbers, so that moving a line moves it exactly and touching lines touch as before.
-Lines = arrays(np.int64, st.tuples(st.just(3), st.integers(3, 12), st.just(2)), elements=st.integers(-9, 9))
-
-
-@given(lines=Lines, shift=st.tuples(st.integers(-50, 50), st.integers(-50, 50)), quarters=st.integers(0, 3))
-def test_crossing_is_left_alone_by_motions_reversal_and_batching(
-    lines: np.ndarray, shift: tuple[int, int], quarters: int
-) -> None:
-    line = np.concatenate([polyline(*each) for each in lines.tolist()])
-    found = crosses_itself(line)
-    turn = np.linalg.matrix_power(np.array([[0, -1], [1, 0]]), quarters)
-    moved = lines @ turn.T + np.array(shift)
-    np.testing.assert_array_equal(crosses_itself(line[:, ::-1]), found)
-    np.testing.assert_array_equal(
-        crosses_itself(np.concatenate([polyline(*each) for each in moved.tolist()])), found
-    )
-    np.testing.assert_array_equal(np.concatenate([crosses_itself(each[None]) for each in line]), found)
-
-
-def test_first_cause_wins() -> None:
-    """Four frames: all three causes, crossing and low tip, low tip alone, none."""
-    straight, bow = polyline((0, 0), (1, 0), (2, 1), (3, 1)), polyline((0, 0), (2, 2), (2, 0), (0, 2))
-    line = np.stack([np.concatenate([bow, bow, straight, straight])])
-    finger = np.zeros((1, 4, 5, 3))
-    finger[0, :, -1, 2] = [5, 5, 5, 0]
-    pose = Pose(
-        forces=np.zeros((1, 4, 8)),
-        net_force=np.zeros((1, 4)),
-        joint_angles=np.zeros((1, 4, 3)),
-        centreline=line,
-        finger=finger,
-        tip_angle=np.zeros((1, 4)),
-    )
-    converged = np.array([[False, True, True, True]])
-    causes = (*CAUSES, None)
-    found = [causes[i] for i in first_cause(converged, pose)[0]]
-    assert found == ["not_converged", "crosses_itself", "tip_below_finger", None]
-
-
-def test_every_frame_is_kept_or_counted(manifest: Manifest, frames: Frames) -> None:
-    assert len(manifest.shapes) == 11
-    assert set(manifest.dropped) == set(CAUSES)
-    assert len(frames) + sum(manifest.dropped.values()) == 11 * CONFIG.frames
-    assert manifest.dropped["not_converged"] == 0
-    assert 0 < manifest.dropped["crosses_itself"] < 30  # thin exosuits wind up at 4 N, thick ones do not
-
-
-def test_no_stored_frame_is_one_to_be_left_out(manifest: Manifest, frames: Frames) -> None:
-    for number in np.unique(frames.shape_id):
-        pose = poses(manifest, frames, number)
-        assert np.all(first_cause(np.ones(pose.net_force.shape, dtype=bool), pose) == len(CAUSES))
-
-
-# What is stored
-
-
-def poses(manifest: Manifest, frames: Frames, number: int) -> Pose:
-    """The poses (1, frames of this shape, …) that follow from the stored coordinates."""
-    robots = stack([assemble(exosuit_of(CONFIG, sampled_shapes(manifest)[number].shape))])
-    found = [observe(robots, q[None, None]) for q in frames.pose[frames.shape_id == number]]
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves, axis=1), *found)
-
-
-def test_labels_and_images_follow_from_the_stored_poses(manifest: Manifest, frames: Frames) -> None:
-    for number in np.unique(frames.shape_id):
-        mine = frames.shape_id == number
-        pose = poses(manifest, frames, number)
-        # Forces are stored as float32: seven digits.
-        np.testing.assert_allclose(frames.forces[mine], pose.forces[0, :, 1:], rtol=1e-6, atol=1e-9)
-        exosuit = exosuit_of(CONFIG, sampled_shapes(manifest)[number].shape)
-        images = picture(exosuit, jax.tree.map(lambda leaf: leaf[0], pose), CONFIG.camera)
-        np.testing.assert_array_equal(frames.images[mine], images)
-
-
-def test_every_frame_is_an_equilibrium(manifest: Manifest, frames: Frames) -> None:
-    """None is interpolated: forces balance to 1e-9 of the elastic ones.
-
-    The solver stops at 1e-10 in its own norm; the loads of five frames are stored without rounding.
-    """
-    shapes = sampled_shapes(manifest)
-    balance = jax.jit(lambda robot, q, u: potential(robot)(q, u)[0].gradient)
-    for q, u, number in zip(frames.pose, frames.u, frames.shape_id, strict=True):
-        robot = assemble(exosuit_of(CONFIG, shapes[number].shape))
-        residual = np.abs(balance(robot, q, np.array([u], dtype=float)))
-        unbalanced = np.abs(balance(robot, 0.9 * q, np.array([u], dtype=float)))
-        assert residual.max() <= 1e-9 * max(unbalanced.max(), 1e-3)
-
-
-def test_loads_and_direction_of_loading(manifest: Manifest, frames: Frames) -> None:
-    """Of each shape a subset, in order, of 0, 2, 4 N rising and 2, 0 N falling."""
-    whole = [(0, 1), (2, 1), (4, 1), (2, -1), (0, -1)]
-    for number in range(11):
-        mine = frames.shape_id == number
-        rows = list(zip(frames.u[mine].tolist(), frames.loading[mine].tolist(), strict=True))
-        assert rows == [row for row in whole if row in rows]
-
-
-def test_chunks_are_filled_in_order(folder: Path, manifest: Manifest) -> None:
-    assert [(chunk.file, chunk.shape_ids) for chunk in manifest.chunks] == [
-        ("chunk_0000.h5", tuple(range(6))),
-        ("chunk_0001.h5", tuple(range(6, 11))),
-    ]
-    assert {path.name for path in folder.iterdir()} == {"chunk_0000.h5", "chunk_0001.h5", "manifest.json"}
-
-
-def test_same_seed_same_frames_whatever_shapes_share_their_chunk(frames: Frames) -> None:
-    """The five shapes in the middle, simulated once more across the border of the two chunks."""
-    again, dropped = simulate(CONFIG, sample_shapes(CONFIG.per_scenario, CONFIG.seed)[3:8])
-    same = take(frames, np.flatnonzero((frames.shape_id >= 3) & (frames.shape_id < 8)))
-    assert len(again) + sum(dropped.values()) == 5 * CONFIG.frames
-    for name in QUANTITIES:
-        np.testing.assert_array_equal(getattr(again, name), getattr(same, name), err_msg=name)
-
-
-def test_another_seed_gives_other_shapes(manifest: Manifest) -> None:
-    assert sample_shapes(1, seed=4) != sampled_shapes(manifest)
-
-
-def test_folder_holds_the_configuration_that_makes_it_again(manifest: Manifest) -> None:
+def test_folder_holds_the_configuration_that_makes_it_again(whole: Path) -> None:
+    manifest = read_manifest(whole)
     assert GenerateConfig(**json.loads(json.dumps(manifest.config))) == CONFIG
     assert manifest.camera == CONFIG.camera
     assert manifest.seed == CONFIG.seed
 
 
-# What is refused
+def test_equal_configurations_make_equal_files(whole: Path, tmp_path: Path) -> None:
+    generate(CONFIG, tmp_path / "again")
+    assert contents(tmp_path / "again") == contents(whole)
+
+
+def test_chunks_of_large_images_hold_fewer_shapes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(generation, "CHUNK_BYTES", 2 * CONFIG.frames * CAMERA.width * CAMERA.height)
+    generate(CONFIG, tmp_path / "data")
+    assert {len(chunk.shape_ids) for chunk in read_manifest(tmp_path / "data").chunks} == {2}
+
+
+def test_progress_counts_shapes_and_what_was_done_before(whole: Path) -> None:
+    (whole / "chunk_0001.h5").unlink()
+    calls: list[tuple[int, int]] = []
+    generate(CONFIG, whole, lambda done, total: calls.append((done, total)), resume=True)
+    assert calls == [(18, 22), (22, 22)]
+
+
+# Stopped and resumed
+
+STOPS = ("before a chunk", "frames written, no record", "record written", "before the manifest")
+
+
+@pytest.mark.parametrize("stop", STOPS)
+def test_a_stopped_job_loses_the_chunk_in_flight_alone(
+    stop: str, whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whatever moment, the files end up as those of a job that was never stopped."""
+    place = {
+        "before a chunk": "simulate",
+        "frames written, no record": "write_record",
+        "record written": "make_chunk",
+        "before the manifest": "write_manifest",
+    }[stop]
+    original, calls = getattr(generation, place), []
+
+    def stopped(*arguments: object, **options: object) -> object:
+        calls.append(arguments)
+        if len(calls) == 3 or place == "write_manifest":
+            raise KeyboardInterrupt
+        return original(*arguments, **options)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(generation, place, stopped)
+        with pytest.raises(KeyboardInterrupt):
+            generate(CONFIG, tmp_path / "data")
+    with pytest.raises(DataError, match=r"incomplete dataset.*--resume"):
+        read_frames(tmp_path / "data")
+    numbers = made_numbers(monkeypatch)
+    generate(CONFIG, tmp_path / "data", resume=True)
+    assert numbers == ([] if place == "write_manifest" else [8, 12, 16, 20])
+    assert contents(tmp_path / "data") == contents(whole)
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+from exosight.dataset import generation
+from tests.dataset import test_generation as tests
+from exosight import files
+
+generation.SHAPES_PER_CHUNK, generation.simulate = 4, tests.simulated
+written = []
+real = os.fsync
+
+def fsync(descriptor):
+    written.append(descriptor)
+    if len(written) == int(sys.argv[2]):
+        os.kill(os.getpid(), signal.SIGKILL)
+    real(descriptor)
+
+os.fsync = fsync
+generation.generate(tests.CONFIG, Path(sys.argv[1]), resume=True)
+"""
+
+
+def test_kill_9_while_writing_leaves_no_lock_and_no_litter(whole: Path, tmp_path: Path) -> None:
+    """The process dies with a file half on disk, twice, under a temporary name."""
+    folder = tmp_path / "data"
+    for fsync in (7, 7):  # two a file: the second chunk, then the record of the third
+        command = [sys.executable, "-c", KILLED, str(folder), str(fsync)]
+        root = Path(__file__).parents[2]
+        ended = subprocess.run(command, cwd=root, capture_output=True, timeout=100)
+        assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()
+        assert not (folder / "manifest.json").exists()
+    assert list(folder.glob(".*.part"))
+    generate(CONFIG, folder, resume=True)
+    assert contents(folder) == contents(whole)
+
+
+def test_resume_needs_nothing_to_resume(whole: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    for folder in (tmp_path / "new" / "data", tmp_path / "empty"):
+        generate(CONFIG, folder, resume=True)
+        assert contents(folder) == contents(whole)
+
+
+def test_a_complete_dataset_is_left_as_it_is(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (whole / "README.md").write_text("my own words")
+    before, numbers = contents(whole), made_numbers(monkeypatch)
+    generate(CONFIG, whole, resume=True)
+    assert (contents(whole), numbers) == (before, [])
 
 
 def test_existing_folder_is_left_as_it_is(tmp_path: Path) -> None:
     (tmp_path / "note").write_text("mine")
-    with pytest.raises(DataError, match="exists already"):
-        generate(CONFIG, tmp_path)
+    for resume, words in ((False, "exists already"), (True, "holds no job.json")):
+        with pytest.raises(DataError, match=words):
+            generate(CONFIG, tmp_path, resume=resume)
     assert [path.name for path in tmp_path.iterdir()] == ["note"]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"seed": 4}, r"another configuration \(seed 3 there, 4 here\)"),
+        ({"young": 2e5}, r"young 300000.0 there, 200000.0 here"),
+        ({"frames": 4}, r"frames 3 there, 4 here"),
+        ({"camera": {"width": 7, "height": 4}}, r"width 6 there, 7 here"),
+    ],
+)
+def test_another_configuration_is_refused(whole: Path, change: dict, words: str) -> None:
+    before = contents(whole)
+    with pytest.raises(InputError, match=words):
+        generate(
+            GenerateConfig(**{"per_scenario": 2, "frames": 3, "seed": 3, "camera": CAMERA} | change),
+            whole,
+            resume=True,
+        )
+    assert contents(whole) == before
+
+
+def test_another_version_is_refused(whole: Path) -> None:
+    values = json.loads((whole / "job.json").read_text())
+    (whole / "job.json").write_text(json.dumps(values | {"exosight_version": "0.0.9", "unheard": 1}))
+    with pytest.raises(InputError, match=r"begun by exosight 0\.0\.9, this is .*; go on with that version"):
+        generate(CONFIG, whole, resume=True)
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"the job is one of exosight 0\.0\.9"):
+        make_chunk(tmp_path, Job(CONFIG, 4, exosight_version="0.0.9"), 0)
+
+
+# Damaged
+
+
+def truncate(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-9])
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def write(content: str) -> Callable[[Path], None]:
+    return lambda path: path.write_text(content) and None
+
+
+def from_another_job(path: Path) -> None:
+    """A whole chunk with its record, of a job that differs in its seed."""
+    other = path.parent.with_name("other")
+    generate(GenerateConfig(per_scenario=2, frames=3, seed=4, camera=CAMERA), other)
+    for name in ("chunk_0002.h5", "chunk_0002.json"):
+        (path.parent / name).write_bytes((other / name).read_bytes())
+
+
+def from_another_place(path: Path) -> None:
+    """The chunk before and its record, copied over these."""
+    for kind in ("h5", "json"):
+        (path.parent / f"chunk_0002.{kind}").write_bytes((path.parent / f"chunk_0001.{kind}").read_bytes())
+
+
+def forged_shapes(path: Path) -> None:
+    values = json.loads(path.read_text())
+    values["entry"]["shape_ids"] = [0, 1, 2, 3]
+    path.write_text(json.dumps(values))
+
+
+@pytest.mark.parametrize(
+    ("file", "damage"),
+    [
+        ("chunk_0002.h5", Path.unlink),
+        ("chunk_0002.h5", truncate),
+        ("chunk_0002.h5", empty),
+        ("chunk_0002.h5", flip),
+        ("chunk_0002.h5", write("this is not HDF5")),
+        ("chunk_0002.h5", from_another_job),
+        ("chunk_0002.h5", from_another_place),
+        ("chunk_0002.json", Path.unlink),
+        ("chunk_0002.json", truncate),
+        ("chunk_0002.json", write("[" * 100_000)),
+        ("chunk_0002.json", write('{"job": null}')),
+        ("chunk_0002.json", write(" " * 2_000_000)),
+        ("chunk_0002.json", forged_shapes),
+    ],
+)
+def test_a_damaged_chunk_is_found_and_made_again(
+    whole: Path, file: str, damage: Callable[[Path], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = contents(whole)
+    damage(whole / file)
+    numbers = made_numbers(monkeypatch)
+    generate(CONFIG, whole, resume=True)
+    assert numbers == [8]
+    assert contents(whole) == before
+
+
+@pytest.mark.parametrize("damage", [Path.unlink, truncate, empty, write("{}"), write("[" * 100_000)])
+def test_a_damaged_manifest_is_written_again(whole: Path, damage: Callable[[Path], None]) -> None:
+    before = contents(whole)
+    damage(whole / "manifest.json")
+    generate(CONFIG, whole, resume=True)
+    assert contents(whole) == before
+
+
+def test_while_it_is_mended_it_is_no_dataset(whole: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    truncate(whole / "chunk_0002.h5")
+
+    def seen(config: GenerateConfig, shapes: list[SampledShape], *rest) -> tuple[Frames, dict[str, int]]:
+        with pytest.raises(DataError, match="incomplete"):
+            read_manifest(whole)
+        return simulated(config, shapes)
+
+    monkeypatch.setattr(generation, "simulate", seen)
+    generate(CONFIG, whole, resume=True)
+    assert len(read_frames(whole)) == 22 * CONFIG.frames
+
+
+@pytest.mark.parametrize("content", ["", "[1]", "{}", "nul", "[" * 100_000, " " * 2_000_000, "\x00"])
+def test_a_damaged_job_is_said(whole: Path, content: str) -> None:
+    (whole / "job.json").write_text(content)
+    with pytest.raises(DataError, match=r"job\.json: damaged"):
+        generate(CONFIG, whole, resume=True)
+
+
+def test_a_full_disk_is_said_and_costs_only_what_did_not_fit(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real, calls = os.fsync, []
+
+    def full(descriptor: int) -> None:
+        calls.append(descriptor)
+        if len(calls) > 10:  # two for the job, four for each of two chunks
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(descriptor)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        with pytest.raises(DataError, match=r"chunk_0002.*No space left on device; mend that.*--resume"):
+            generate(CONFIG, tmp_path / "data")
+    assert not list((tmp_path / "data").glob(".*.part"))
+    numbers = made_numbers(monkeypatch)
+    generate(CONFIG, tmp_path / "data", resume=True)
+    assert numbers == [8, 12, 16, 20]
+    assert contents(tmp_path / "data") == contents(whole)
+
+
+# Two at once
+
+
+def test_a_second_process_on_the_folder_is_refused(whole: Path) -> None:
+    with (
+        opened(whole, Job(CONFIG, 4), resume=True),
+        pytest.raises(DataError, match="another process is working"),
+    ):
+        generate(CONFIG, whole, resume=True)
+    generate(CONFIG, whole, resume=True)
+
+
+def test_a_chunk_made_twice_does_no_harm(whole: Path) -> None:
+    """A worker that was thought dead comes back."""
+    (whole / "manifest.json").unlink()
+    before = contents(whole)
+    make_chunk(whole, Job(CONFIG, 4), 1)
+    (whole / "chunk_0001.json").unlink()
+    make_chunk(whole, Job(CONFIG, 4), 1)
+    assert contents(whole) == before
+
+
+# Refused
 
 
 def test_place_that_is_no_folder_is_refused_before_any_work(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(DataError, match="cannot be made"):
-        generate(CONFIG, tmp_path / "file" / "data")
+    for folder in (tmp_path / "file" / "data", tmp_path / "file"):
+        with pytest.raises(DataError, match="cannot be made"):
+            generate(CONFIG, folder, resume=True)
 
 
 def test_dataset_too_large_to_be_read_again_is_refused_before_any_work(tmp_path: Path) -> None:
@@ -258,14 +395,33 @@ def test_dataset_too_large_to_be_read_again_is_refused_before_any_work(tmp_path:
     assert not (tmp_path / "data").exists()
 
 
-def test_dataset_without_a_single_frame_is_no_dataset(
-    tmp_path: Path, frames: Frames, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def nothing(config: GenerateConfig, shapes: list, done: object) -> tuple[Frames, dict[str, int]]:
-        empty = Frames(**{name: getattr(frames, name)[:0] for name in QUANTITIES})
-        return empty, {"not_converged": 0, "crosses_itself": 55, "tip_below_finger": 0}
+def nothing(config: GenerateConfig, shapes: list[SampledShape], *_) -> tuple[Frames, dict[str, int]]:
+    return made_up([]), dict(zip(CAUSES, (0, 3 * len(shapes), 0), strict=True))
 
+
+def test_dataset_without_a_single_frame_is_no_dataset(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(generation, "simulate", nothing)
-    with pytest.raises(InputError, match=r"no frame is worth keeping \(.*crosses itself 55"):
+    with pytest.raises(InputError, match=r"no frame is worth keeping \(.*crosses itself 66"):
         generate(CONFIG, tmp_path / "data")
-    assert not (tmp_path / "data").exists()
+    with pytest.raises(DataError, match="incomplete"):
+        read_manifest(tmp_path / "data")
+
+
+def test_a_chunk_without_frames_is_left_out_and_not_made_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def first_empty(
+        config: GenerateConfig, shapes: list[SampledShape], *rest
+    ) -> tuple[Frames, dict[str, int]]:
+        return (nothing if shapes[0].shape_id == 0 else simulated)(config, shapes, *rest)
+
+    monkeypatch.setattr(generation, "simulate", first_empty)
+    manifest = generate(CONFIG, tmp_path / "data")
+    assert [chunk.file for chunk in manifest.chunks] == [f"chunk_000{k}.h5" for k in range(1, CHUNKS)]
+    assert manifest.dropped["crosses_itself"] == 3 * 4 + 2 * (CHUNKS - 1)
+    assert np.unique(read_frames(tmp_path / "data").shape_id).tolist() == list(range(4, 22))
+    numbers = made_numbers(monkeypatch)
+    generate(CONFIG, tmp_path / "data", resume=True)
+    assert numbers == []

@@ -64,12 +64,12 @@ def test_no_frames_are_not_written(tmp_path: Path) -> None:
         write_chunk(tmp_path, 0, made_up([]))
 
 
-def test_a_chunk_is_never_overwritten(tmp_path: Path) -> None:
-    write_chunk(tmp_path, 0, made_up(SHAPES, seed=1))
-    before = (tmp_path / "chunk_0000.h5").read_bytes()
-    with pytest.raises(DataError, match="not overwritten"):
-        write_chunk(tmp_path, 0, made_up(SHAPES, seed=2))
-    assert (tmp_path / "chunk_0000.h5").read_bytes() == before
+def test_a_damaged_chunk_is_replaced(tmp_path: Path) -> None:
+    entry = write_chunk(tmp_path, 0, made_up(SHAPES, seed=1))
+    before = (tmp_path / entry.file).read_bytes()
+    (tmp_path / entry.file).write_bytes(before[:100])
+    assert write_chunk(tmp_path, 0, made_up(SHAPES, seed=1)) == entry
+    assert (tmp_path / entry.file).read_bytes() == before
 
 
 def test_a_complete_dataset_takes_no_more_chunks(dataset: Path) -> None:

@@ -16,7 +16,9 @@ from exosight.app.study_report import Results, build_report
 from exosight.app.trials import run_trials, write_trials
 from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, from_image
 from exosight.dataset import Split, make_split
-from exosight.dataset.generation import exosuit_of, generate
+from exosight.dataset.generation import generate
+from exosight.dataset.manifest import MANIFEST
+from exosight.dataset.simulation import exosuit_of
 from exosight.errors import DataError, InputError
 from exosight.evaluation import evaluate_robustness
 from exosight.files import write_new_file
@@ -87,14 +89,9 @@ def _open(config: StudyConfig, out: Path, resume: bool) -> Path:
 
 def _data(config: StudyConfig, folder: Path) -> Data:
     place = folder / "data"
-    if not place.exists():
-        # What a stopped run left is incomplete, and named so that nobody takes it for a dataset.
-        number = 0
-        while (partial := folder / f"data_incomplete_{number}").exists():
-            number += 1
+    if not (place / MANIFEST).exists():
         with progress("simulating", "shapes") as update:
-            generate(config.data, partial, update)
-        partial.rename(place)
+            generate(config.data, place, update, resume=True)
     return load(place)
 
 

@@ -17,7 +17,7 @@ from exosight.app.results import DataSummary, Judgement, LoopRun, PathSummary, R
 from exosight.app.study_config import StudyConfig, to_text
 from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, Trial
 from exosight.dataset import Split
-from exosight.dataset.generation import exosuit_of, load_path
+from exosight.dataset.simulation import exosuit_of, load_path
 from exosight.evaluation import figures
 from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, assemble, observe
 from exosight.exosuit.shapes import FAMILIES, radius

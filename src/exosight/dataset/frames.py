@@ -58,6 +58,10 @@ QUANTITIES: dict[str, Quantity] = {
 """Type, unit and meaning of every array of `Frames`, written beside it on disk."""
 
 
+CAUSES = ("not_converged", "crosses_itself", "tip_below_finger")
+"""Why a simulated frame is dropped; a frame counts under the first cause that holds."""
+
+
 def take(frames: Frames, index: Int[np.ndarray, " picked"]) -> Frames:
     """The frames at the given places, in that order."""
     return Frames(**{name: getattr(frames, name)[index] for name in QUANTITIES})

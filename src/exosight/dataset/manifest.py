@@ -22,6 +22,7 @@ from exosight.vision.camera import Camera
 
 FORMAT = 1
 """Version of the layout on disk; a reader takes this one and older."""
+JOB = "job.json"
 MANIFEST = "manifest.json"
 LARGEST_MANIFEST = 64 * 2**20  # [bytes]; 1375 shapes take 0.4 MiB
 LARGEST_FRAMES = 64 * 2**30  # [bytes] all images and poses in memory; the published dataset takes 1.1 GiB
@@ -169,10 +170,10 @@ def read_manifest(folder: Path) -> Manifest:
     if not folder.is_dir():
         raise DataError(f"{folder}: no such folder; expected a dataset")
     if not path.is_file():
-        if any(folder.glob("chunk_*.h5")):
+        if (folder / JOB).exists() or any(folder.glob("chunk_*.h5")):
             raise DataError(
-                f"{folder}: incomplete dataset, it has chunks but no {MANIFEST}; "
-                "generate it again in a new folder"
+                f"{folder}: incomplete dataset, it has no {MANIFEST}; "
+                "go on with it: exosight generate --resume with the same options"
             )
         raise DataError(f"{folder}: not a dataset, it has no {MANIFEST}")
     if path.stat().st_size > LARGEST_MANIFEST:

@@ -19,7 +19,7 @@ from exosight.dataset.manifest import (
 from exosight.errors import DataError, InputError
 from exosight.exosuit.scenarios import SampledShape
 from exosight.exosuit.shapes import FAMILIES
-from exosight.files import write_new_file
+from exosight.files import replace_file
 
 
 def write_chunk(folder: Path, index: int, frames: Frames) -> ChunkEntry:
@@ -28,11 +28,11 @@ def write_chunk(folder: Path, index: int, frames: Frames) -> ChunkEntry:
     folder  an existing folder without a manifest
     index   number of the chunk in the dataset, 0, 1, 2 …
 
-    Equal frames give an equal file, byte for byte. Any number of processes may write chunks, each file by
-    one of them.
+    Equal frames give an equal file, byte for byte. Any number of processes may write chunks; a chunk that is
+    there, damaged or not, is replaced as a whole.
 
-    Raises InputError if the frames are none or unfit for use, DataError if the file exists or cannot be
-    written.
+    Raises InputError if the frames are none or unfit for use, DataError if the dataset is complete or the
+    file cannot be written.
     """
     fault = "there are none" if len(frames) == 0 else find_fault(frames)
     if fault:
@@ -40,15 +40,19 @@ def write_chunk(folder: Path, index: int, frames: Frames) -> ChunkEntry:
     if (folder / MANIFEST).exists():
         raise DataError(f"{folder}: this dataset is complete; write the chunk to a new folder")
     content = _encode(frames)
-    name = f"chunk_{index:04d}.h5"
-    write_new_file(folder / name, content)
+    replace_file(folder / chunk_name(index), content)
     return ChunkEntry(
-        file=name,
+        file=chunk_name(index),
         sha256=hashlib.sha256(content).hexdigest(),
         bytes=len(content),
         frames=len(frames),
         shape_ids=tuple(np.unique(frames.shape_id).tolist()),
     )
+
+
+def chunk_name(index: int) -> str:
+    """File of a chunk within the folder."""
+    return f"chunk_{index:04d}.h5"
 
 
 def read_frames(folder: Path) -> Frames:

@@ -83,7 +83,7 @@ def _draw(scenario: Scenario, rng: np.random.Generator) -> ExosuitShape:
     return ExosuitShape(surface, length)
 
 
-def _geometry(shape: ExosuitShape) -> tuple[float, bytes]:
+def geometry(shape: ExosuitShape) -> tuple[float, bytes]:
     """What makes two shapes the same: length, and radii in whole micrometres."""
     radii = np.round(radius(shape.surface, _STATIONS) / _RESOLUTION).astype(np.int32)
     return shape.length, radii.tobytes()
@@ -121,10 +121,10 @@ def sample_shapes(per_scenario: int, seed: int) -> list[SampledShape]:
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(index,)))
         while len(sampled) < (index + 1) * per_scenario:
             shape = _draw(scenario, rng)
-            geometry = _geometry(shape)
-            if geometry in seen or _belongs_to_an_earlier(scenario, shape):
+            found = geometry(shape)
+            if found in seen or _belongs_to_an_earlier(scenario, shape):
                 continue
-            seen.add(geometry)
+            seen.add(found)
             sampled.append(SampledShape(shape, scenario=index, shape_id=len(sampled)))
     return sampled
 

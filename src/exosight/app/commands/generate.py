@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from pydantic import Field
 
 from exosight.app.commands.options import Json
 from exosight.app.console import check_json_target, progress, say, write_json
@@ -11,23 +12,32 @@ from exosight.dataset.config import GenerateConfig
 
 DEFAULT = GenerateConfig()
 
+MaybeAddress = Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")]
+
 
 def generate(
     out: Path,
     config: Annotated[GenerateConfig, tyro.conf.arg(name="")] = DEFAULT,
+    resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    workers: Annotated[int, Field(ge=1, le=1024)] = 1,
+    scheduler: MaybeAddress = None,
     json: Json = None,
 ) -> None:
     """Simulate, render and store exosuits of all eleven scenarios, each driven 0 → 4 → 0 N.
 
     The paper's dataset is --per-scenario 125 (1375 shapes, 68,750 frames). The folder also holds the
-    configuration that makes it again (manifest.json); frames left out are counted by cause.
+    configuration that makes it again (manifest.json) and a card (README.md); frames left out are counted by
+    cause. Stopped at any moment, the same command with --resume goes on; it also mends damaged files.
 
     Example:
       exosight generate --out results/data --per-scenario 10
 
     Args:
-        out: folder to make; it must not exist
+        out: folder to make; it must not exist, unless --resume
         config: what the dataset is made of
+        resume: go on with the dataset that the folder holds; what is whole is not made again
+        workers: processes on this machine; one uses up to eight cores. More need the extra 'cluster'
+        scheduler: a running Dask cluster to work on, such as tcp://node:8786, instead of workers
         json: write the counts as JSON to a new file, or to stdout with "-"
     """
     check_json_target(json)
@@ -35,7 +45,7 @@ def generate(
     from exosight.dataset.generation import generate as run
 
     with progress("simulating", "shapes") as update:
-        manifest = run(config, out, update)
+        manifest = run(config, out, update, resume=resume, workers=workers, scheduler=scheduler)
     say(f"wrote {manifest.frames} frames of {len(manifest.shapes)} shapes to {out}")
     for cause, count in manifest.dropped.items():
         say(f"  dropped, {cause.replace('_', ' ')}: {count}")
