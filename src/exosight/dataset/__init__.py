@@ -18,7 +18,7 @@ from exosight.dataset.splits import (
     split_by_frame,
     split_by_shape,
 )
-from exosight.dataset.store import read_frames, write_chunk
+from exosight.dataset.store import read_frames, read_variation, write_chunk
 
 __all__ = [
     "PROTOCOLS",
@@ -33,6 +33,7 @@ __all__ = [
     "new_manifest",
     "read_frames",
     "read_manifest",
+    "read_variation",
     "sampled_shapes",
     "split_by_family",
     "split_by_frame",

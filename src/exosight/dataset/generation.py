@@ -26,6 +26,7 @@ from exosight.dataset.manifest import (
 )
 from exosight.dataset.simulation import simulate
 from exosight.dataset.store import write_chunk
+from exosight.dataset.variation import variation_columns
 from exosight.errors import DataError, InputError
 from exosight.exosuit.assembly import MAX_FORCE
 from exosight.exosuit.scenarios import SCENARIOS, SampledShape, sample_shapes
@@ -117,7 +118,9 @@ def _store(folder: Path, job: Job, number: int, frames: Frames, dropped: dict[st
         record = Record(
             job=identity(job),
             number=number,
-            entry=write_chunk(folder, number, frames) if len(frames) else None,
+            entry=write_chunk(folder, number, frames, variation_columns(job.config, frames))
+            if len(frames)
+            else None,
             dofs=frames.pose.shape[1],
             kept=tuple(np.bincount(frames.scenario, minlength=len(SCENARIOS)).tolist()),
             dropped=dropped,

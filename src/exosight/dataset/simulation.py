@@ -7,15 +7,18 @@ from collections.abc import Callable, Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, UInt8
+from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
 
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import CAUSES, Frames, concatenate
-from exosight.exosuit.assembly import MAX_FORCE, Exosuit, Pose, assemble, observe
+from exosight.dataset.variation import appearance_of, lighting_of, variant_of
+from exosight.exosuit.assembly import MAX_FORCE, Exosuit, Pose, assemble, observe, varied
 from exosight.exosuit.scenarios import SampledShape
 from exosight.exosuit.shapes import FAMILIES, ExosuitShape
 from exosight.mechanics import follow, stack
-from exosight.vision.scene import picture
+from exosight.vision.appearance import AppearanceVariation
+from exosight.vision.augment import augment
+from exosight.vision.scene import cover, picture
 
 MAX_STEP = 0.1
 """Largest step between two equilibria of a path [N]: with half of it 0.2 % of the frames end on another
@@ -45,28 +48,37 @@ def simulate(
     for i, (sampled, exosuit) in enumerate(zip(shapes, exosuits, strict=True)):
         kept = causes[i] == len(CAUSES)
         q, own = jax.tree.map(lambda leaf, i=i, kept=kept: leaf[i, kept], (found.q, pose))
-        images = depict(config, sampled, exosuit, own)
+        images = depict(config, sampled, exosuit, own, np.flatnonzero(kept))
         parts.append(_frames(sampled, images, q, own, _driven(loads[keep], kept)))
     return concatenate(parts), lost
 
 
 def wear(config: GenerateConfig, sampled: SampledShape) -> Exosuit:
-    """The worn exosuit of one shape of a dataset."""
-    return exosuit_of(config, sampled.shape)
+    """The worn exosuit of one shape of a dataset, with what varies from shape to shape."""
+    return varied(exosuit_of(config, sampled.shape), variant_of(config, sampled.shape_id))
 
 
 def depict(
-    config: GenerateConfig, sampled: SampledShape, exosuit: Exosuit, pose: Pose
+    config: GenerateConfig,
+    sampled: SampledShape,
+    exosuit: Exosuit,
+    pose: Pose,
+    places: Int[np.ndarray, " frames"],
 ) -> UInt8[np.ndarray, "frames height width"]:
-    """The pictures of one shape of a dataset.
+    """The pictures of one shape of a dataset, with what varies from frame to frame.
 
-    pose   of this exosuit, with one batch dimension: the frames
+    pose     of this exosuit, with one batch dimension: the frames
+    places   of the frames on the path 0 → 4 → 0 N, from 0
     """
-    return picture(exosuit, pose, config.camera)
+    numbers = sampled.shape_id * config.frames + places.astype(np.int64)
+    images = picture(exosuit, pose, config.camera, lighting_of(config, numbers))
+    if config.appearance == AppearanceVariation():
+        return images
+    return augment(images, appearance_of(config, numbers), cover(exosuit, pose, config.camera))
 
 
 def exosuit_of(config: GenerateConfig, shape: ExosuitShape) -> Exosuit:
-    """The worn exosuit of any shape, with the constants of a dataset."""
+    """The nominal worn exosuit of any shape, with the constants of a dataset."""
     return Exosuit(shape, young=config.young, contact_stiffness=config.contact_stiffness, gap=config.gap)
 
 

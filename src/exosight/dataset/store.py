@@ -1,10 +1,13 @@
 """Frames on disk: a folder of HDF5 chunks, each written whole by one process, and a manifest written last."""
 
 import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
 import numpy as np
+from jaxtyping import Float64
 
 from exosight import __version__
 from exosight.dataset.frames import QUANTITIES, Frames, find_fault
@@ -21,12 +24,19 @@ from exosight.exosuit.scenarios import SampledShape
 from exosight.exosuit.shapes import FAMILIES
 from exosight.files import replace_file
 
+VARIATION = "variation"
+"""Group of a chunk file with what was drawn for each frame, if anything varies."""
 
-def write_chunk(folder: Path, index: int, frames: Frames) -> ChunkEntry:
+Columns = dict[str, Float64[np.ndarray, " frames"]]
+"""Numbers by name, one a frame."""
+
+
+def write_chunk(folder: Path, index: int, frames: Frames, variation: Columns | None = None) -> ChunkEntry:
     """Write the frames of some shapes as one chunk file, and return its entry for the manifest.
 
-    folder  an existing folder without a manifest
-    index   number of the chunk in the dataset, 0, 1, 2 …
+    folder     an existing folder without a manifest
+    index      number of the chunk in the dataset, 0, 1, 2 …
+    variation  what was drawn for each frame
 
     Equal frames give an equal file, byte for byte. Any number of processes may write chunks; a chunk that is
     there, damaged or not, is replaced as a whole.
@@ -39,7 +49,7 @@ def write_chunk(folder: Path, index: int, frames: Frames) -> ChunkEntry:
         raise InputError(f"frames of chunk {index}: {fault}")
     if (folder / MANIFEST).exists():
         raise DataError(f"{folder}: this dataset is complete; write the chunk to a new folder")
-    content = _encode(frames)
+    content = _encode(frames, variation or {})
     replace_file(folder / chunk_name(index), content)
     return ChunkEntry(
         file=chunk_name(index),
@@ -84,7 +94,30 @@ def read_frames(folder: Path) -> Frames:
     return frames
 
 
-def _encode(frames: Frames) -> bytes:
+def read_variation(folder: Path) -> Columns:
+    """What was drawn for each frame of a complete dataset, by name, in the order of `read_frames`.
+
+    Empty for a dataset in which nothing varies; `exosight.dataset.variation` says what the names mean.
+
+    Raises DataError as `read_frames`, or if its chunks hold different names.
+    """
+    parts: list[Columns] = []
+    for chunk in read_manifest(folder).chunks:
+        path = folder / chunk.file
+        with _opened(path, chunk) as file:
+            group = file.get(VARIATION)
+            if not isinstance(group, h5py.Group | None):
+                raise DataError(f"{path}: not a chunk of frames ({VARIATION} is not a group)")
+            part = {str(name): np.empty(chunk.frames) for name in group or ()}
+            for name, values in part.items():
+                _fill(values, f"{VARIATION}/{name}", file)
+        if parts and part.keys() != parts[0].keys():
+            raise DataError(f"{path}: other quantities vary in it than in the chunks before")
+        parts.append(part)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def _encode(frames: Frames, variation: Columns) -> bytes:
     """The frames as the bytes of an HDF5 file: made in memory, so a full disk meets plain file writing."""
     with h5py.File("chunk", "w", driver="core", backing_store=False) as file:
         file.attrs["format"] = FORMAT
@@ -96,21 +129,30 @@ def _encode(frames: Frames) -> bytes:
             data = file.create_dataset(name, data=values, track_times=False, **options)
             data.attrs["unit"] = quantity.unit
             data.attrs["meaning"] = quantity.meaning
+        for name, values in variation.items():
+            file.create_dataset(f"{VARIATION}/{name}", data=values, track_times=False, compression=1)
         file.flush()
         return file.id.get_file_image()
 
 
 def _read_chunk(path: Path, chunk: ChunkEntry, rows: Frames) -> None:
-    """Fill the rows with the frames of one chunk file, whose checksum must be right."""
+    """Fill the rows with the frames of one chunk file."""
+    with _opened(path, chunk) as file:
+        for name in QUANTITIES:
+            _fill(getattr(rows, name), name, file)
+
+
+@contextmanager
+def _opened(path: Path, chunk: ChunkEntry) -> Iterator[h5py.File]:
+    """A chunk file, whose checksum must be right, and whatever goes wrong with what it holds as DataError."""
     check_size(path, chunk)
     content = path.read_bytes()
     if hashlib.sha256(content).hexdigest() != chunk.sha256:
         raise DataError(f"{path}: altered, its checksum is not that of the manifest")
     try:
         with h5py.File(h5py.h5f.open_file_image(content)) as file:
-            for name in QUANTITIES:
-                _fill(getattr(rows, name), name, file)
-    except (OSError, KeyError, RuntimeError, ValueError) as error:
+            yield file
+    except (OSError, KeyError, RuntimeError, ValueError, AttributeError) as error:
         raise DataError(f"{path}: not a chunk of frames ({error})") from error
 
 

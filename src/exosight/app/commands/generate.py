@@ -29,8 +29,12 @@ def generate(
     configuration that makes it again (manifest.json) and a card (README.md); frames left out are counted by
     cause. Stopped at any moment, the same command with --resume goes on; it also mends damaged files.
 
-    Example:
+    Fingers, exosuits, light and pictures are the nominal ones unless --plant, --lighting and --appearance let
+    them vary; what was drawn is kept with each frame (docs/variation.md).
+
+    Examples:
       exosight generate --out results/data --per-scenario 10
+      exosight generate --out results/varied --plant.young 0.5 2 --lighting.lamp 0.5
 
     Args:
         out: folder to make; it must not exist, unless --resume

@@ -1,0 +1,186 @@
+"""What varies in a dataset: on disk as numbers that make its frames again, one by one."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import jax
+import numpy as np
+import pytest
+
+from exosight.dataset import (
+    Frames,
+    generation,
+    read_frames,
+    read_manifest,
+    read_variation,
+    sampled_shapes,
+    take,
+    write_chunk,
+)
+from exosight.dataset.config import GenerateConfig
+from exosight.dataset.frames import CAUSES
+from exosight.dataset.generation import generate
+from exosight.dataset.simulation import exosuit_of, simulate, wear
+from exosight.dataset.variation import frame_numbers, variation_columns
+from exosight.errors import DataError
+from exosight.exosuit.assembly import Pose, assemble, observe, varied
+from exosight.exosuit.variation import PlantVariation, Variant
+from exosight.mechanics import stack
+from exosight.vision import TRAINING, AppearanceVariation, Camera, Light, Lighting, LightingVariation, augment
+from exosight.vision.appearance import COLUMNS, from_table
+from exosight.vision.scene import cover, picture
+
+from .conftest import SHAPES, made_up
+
+PLAIN = GenerateConfig(
+    per_scenario=1, frames=5, seed=3, camera=Camera(metres_per_pixel=0.0044, width=32, height=24)
+)
+CONFIG = replace(
+    PLAIN,
+    plant=PlantVariation(
+        link_length=(0.9, 1.1), finger_radius=(0.9, 1.1), joint_stiffness=(0.7, 1.5), young=(0.7, 1.5),
+        contact_stiffness=(0.8, 1.2), gap=(0.0, 0.002), mount_angle=(-0.05, 0.05),
+        mount_offset=(-0.003, 0.003),
+    ),
+    lighting=LightingVariation(
+        finger_shade=(0.5, 0.8), exosuit_shade=(0.2, 0.4), lamp=0.5, ambient=(0.2, 0.6)
+    ),
+    appearance=TRAINING,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dataset in which everything varies, in chunks of 6 and 5 shapes."""
+    folder = tmp_path_factory.mktemp("varied") / "data"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(generation, "SHAPES_PER_CHUNK", 6)
+        generate(CONFIG, folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def frames(folder: Path) -> Frames:
+    return read_frames(folder)
+
+
+@pytest.fixture(scope="module")
+def columns(folder: Path) -> dict[str, np.ndarray]:
+    return read_variation(folder)
+
+
+def variant_in(columns: dict[str, np.ndarray], row: int) -> Variant:
+    def number(name: str) -> float:
+        return float(columns[f"plant.{name}"][row])
+
+    return Variant(
+        link_length=(number("link_length_0"), number("link_length_1"), number("link_length_2"),
+                     number("link_length_3")),
+        joint_stiffness=(number("joint_stiffness_0"), number("joint_stiffness_1"),
+                         number("joint_stiffness_2")),
+        **{name: number(name) for name in ("finger_radius", "young", "contact_stiffness", "gap",
+                                           "mount_angle", "mount_offset")},
+    )  # fmt: skip
+
+
+def test_numbers_on_disk_make_every_frame_again(folder: Path, frames: Frames, columns) -> None:
+    """From pose, shape and numbers alone: the same forces, and the same picture to the last gray."""
+    shapes = {sampled.shape_id: sampled.shape for sampled in sampled_shapes(read_manifest(folder))}
+    for row in range(0, len(frames), 7):
+        exosuit = varied(exosuit_of(CONFIG, shapes[int(frames.shape_id[row])]), variant_in(columns, row))
+        robots = stack([assemble(exosuit)])
+        pose: Pose = jax.tree.map(
+            lambda leaf: np.asarray(leaf)[0], observe(robots, frames.pose[None, row : row + 1])
+        )
+        np.testing.assert_allclose(pose.forces[0, 1:], frames.forces[row], rtol=1e-6, atol=1e-7)  # float32
+        one = {name: values[row : row + 1] for name, values in columns.items()}
+        lamp = np.stack([one[f"lighting.lamp_{name}"] for name in ("right", "up", "towards")], axis=-1)
+        lighting = Lighting(
+            one["lighting.finger_shade"], one["lighting.exosuit_shade"], Light(lamp, one["lighting.ambient"])
+        )
+        clean = picture(exosuit, pose, CONFIG.camera, lighting)
+        look = from_table(np.stack([one[f"appearance.{name}"] for name in COLUMNS], axis=-1))
+        again = augment(clean, look, cover(exosuit, pose, CONFIG.camera))
+        # The pose that is observed in one call of another size may differ in the last bit, and so may a gray
+        # that lies halfway.
+        assert np.mean(again[0] != frames.images[row]) < 0.002
+
+
+def test_every_frame_varies_and_every_exosuit(frames: Frames, columns) -> None:
+    assert all(len(values) == len(frames) for values in columns.values())
+    for name in ("appearance.seed", "lighting.lamp_up", "lighting.exosuit_shade"):
+        assert len(np.unique(columns[name])) == len(frames)
+    for name in ("plant.young", "plant.link_length_2", "plant.mount_angle"):
+        pairs = {*zip(frames.shape_id.tolist(), columns[name].tolist(), strict=True)}
+        assert len(pairs) == len(np.unique(frames.shape_id)) == len({value for _, value in pairs})
+
+
+def test_a_frame_does_not_depend_on_the_chunk_it_is_in(folder: Path, frames: Frames) -> None:
+    sampled = sampled_shapes(read_manifest(folder))[7]
+    alone, _ = simulate(CONFIG, [sampled])
+    mine = take(frames, np.flatnonzero(frames.shape_id == 7))
+    np.testing.assert_allclose(alone.pose, mine.pose, rtol=1e-6, atol=1e-8)  # two solves to 1e-10
+    assert np.mean(alone.images != mine.images) < 0.002
+
+
+def test_frames_are_numbered_by_shape_and_place(frames: Frames) -> None:
+    numbers = frame_numbers(CONFIG, frames)
+    assert np.all(numbers // 5 == frames.shape_id)
+    np.testing.assert_allclose(frames.u, np.array([0, 2, 4, 2, 0])[numbers % 5])
+    assert np.all((numbers % 5 <= 2) == (frames.loading > 0))
+    assert len(np.unique(numbers)) == len(frames)
+
+
+@pytest.mark.parametrize("count", [2, 3, 50, 51])
+def test_places_are_those_of_the_path_whatever_its_length(count: int) -> None:
+    config = replace(PLAIN, frames=count)
+    way = np.linspace(0, 8, count)
+    path = np.minimum(way, 8 - way).astype(np.float32)
+    whole = made_up(SHAPES[:1], count)
+    whole = replace(whole, u=path, loading=np.where(np.arange(count) < count / 2, 1, -1).astype(np.int8))
+    first = int(whole.shape_id[0]) * count
+    np.testing.assert_array_equal(frame_numbers(config, whole), first + np.arange(count))
+
+
+def test_without_variation_nothing_is_kept_and_exosuits_are_nominal(tmp_path: Path) -> None:
+    frames = made_up(SHAPES)
+    assert variation_columns(PLAIN, frames) == {}
+    entry = write_chunk(tmp_path, 0, frames, {})
+    with h5py.File(tmp_path / entry.file) as file:
+        assert "variation" not in file
+    assert wear(PLAIN, SHAPES[0]) == exosuit_of(PLAIN, SHAPES[0].shape)
+
+
+def test_one_switch_keeps_its_own_part_alone() -> None:
+    frames = made_up(SHAPES)
+    for part, config in {
+        "plant": replace(PLAIN, plant=PlantVariation(young=(0.5, 2.0))),
+        "lighting": replace(PLAIN, lighting=LightingVariation(lamp=0.3)),
+        "appearance": replace(PLAIN, appearance=AppearanceVariation(blur=1.0)),
+    }.items():
+        assert {name.split(".")[0] for name in variation_columns(config, frames)} == {part}
+
+
+def test_a_dataset_without_variation_reads_as_none(dataset: Path) -> None:
+    assert read_variation(dataset) == {}
+
+
+def test_damaged_numbers_are_refused(tmp_path: Path, folder: Path) -> None:
+    copy = tmp_path / "copy"
+    copy.mkdir()
+    for path in folder.iterdir():
+        if path.is_file():
+            (copy / path.name).write_bytes(path.read_bytes())
+    chunk = copy / "chunk_0000.h5"
+    content = bytearray(chunk.read_bytes())
+    content[len(content) // 2] ^= 1
+    chunk.write_bytes(bytes(content))
+    with pytest.raises(DataError, match="checksum"):
+        read_variation(copy)
+
+
+def test_frames_dropped_are_counted_as_ever(folder: Path, frames: Frames) -> None:
+    manifest = read_manifest(folder)
+    assert len(frames) + sum(manifest.dropped.values()) == 55
+    assert set(manifest.dropped) == set(CAUSES)
