@@ -2,12 +2,13 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo test lint bench figures clean
+.PHONY: help demo test lint bench compare figures clean
 
 help:
 	@echo "make demo     install, run the quick study, print where its report is"
 	@echo "make test     install, then lint, type check and all tests"
 	@echo "make bench    re-measure the speeds that the documentation quotes"
+	@echo "make compare  time exosight beside PyElastica and SoRoMoX again, and show it in docs/validation.md"
 	@echo "make figures  re-make the pictures of the README and the documentation"
 	@echo "make clean    remove the virtual environment and caches (results stay)"
 
@@ -25,14 +26,20 @@ lint: .venv/ready-test
 bench: .venv/ready-train
 	$(BIN)/python -m benchmarks
 
-figures: .venv/ready-train
+compare: .venv/ready-test
+	$(BIN)/python -m benchmarks.neighbours
+	$(BIN)/python docs/figures_validation.py
+
+figures: .venv/ready-test
+	$(BIN)/python -m benchmarks.convergence
 	$(BIN)/python docs/figures.py
+	$(BIN)/python docs/figures_validation.py
 
 .venv/ready-train: pyproject.toml constraints.txt
 	@PYTHON="$(PYTHON)" sh tools/setup.sh train
 
 .venv/ready-test: pyproject.toml constraints.txt
-	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,test
+	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,compare,test
 	@touch .venv/ready-train
 
 clean:

@@ -81,8 +81,10 @@ class TheirPoints(Gauss):
         return np.array(points), np.array(weights)
 
 
-def our_robot(case: Case, points: Gauss) -> Robot:
-    """One rod and its weight."""
+@cache
+def our_robot(case: Case) -> Robot:
+    """One rod and its weight, on SoRoMoX's points. Built once, as SoRoMoX's is."""
+    points = TheirPoints(1, POINTS)
     rod = Rod(
         "rod",
         LENGTH,
@@ -105,13 +107,11 @@ class Exosight:
     case: Case
     tolerance: float = 1e-7
     step: float | None = None
-    their_points: bool = True
 
     def __call__(self) -> Float[np.ndarray, "times dofs"]:
-        """Build, and integrate from rest."""
-        points = (TheirPoints if self.their_points else Gauss)(1, POINTS)
+        """Integrate from rest."""
         options = MotionOptions(tolerance=self.tolerance, step=self.step, lanes=1)
-        found = evolve([our_robot(self.case, points)], TIMES, options=options)
+        found = evolve([our_robot(self.case)], TIMES, options=options)
         if not found.converged.all():
             raise RuntimeError("exosight gave up")
         return np.asarray(found.q[0])

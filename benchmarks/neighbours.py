@@ -40,13 +40,17 @@ class Run:
 
 @dataclass(frozen=True)
 class Row:
-    """What a run gave: error [-], median time of a call and time of the first one, with compiling [s]."""
+    """What a run gave: error [-]; median time of a call, processor time in it, and the first call's time [s].
+
+    The first call compiles, where nothing before it has.
+    """
 
     problem: str
     program: str
     setting: str
     error: float
     seconds: float
+    processor_seconds: float
     first_seconds: float
 
 
@@ -59,7 +63,10 @@ def cantilevers() -> list[Run]:
 
     name = "cantilever"
     return [
-        *(Run(name, "exosight", f"{n} elements", rest.Exosight(n, False), off(ours)) for n in (1, 2, 5, 10)),
+        *(
+            Run(name, "exosight", f"{n} element{'s' * (n > 1)}", rest.Exosight(n, False), off(ours))
+            for n in (1, 2, 5, 10)
+        ),
         *(
             Run(name, "PyElastica", f"{n} elements", rest.PyElastica(n, False), off(theirs))
             for n in (10, 20, 40, 80)
@@ -107,19 +114,21 @@ def motions(name: str, case: motion.Case, steps: Sequence[float], finest: float)
 
 def timed(runs: Sequence[Run]) -> list[Row]:
     """Every run once to compile, then all of them in turn, three times over."""
-    first, seconds, errors = [], [[] for _ in runs], []
+    first, errors = [], []
+    times: list[list[tuple[float, float]]] = [[] for _ in runs]
     for run in track(runs, "first calls"):
         started = time.perf_counter()
         errors.append(run.error(run.work()))
         first.append(time.perf_counter() - started)
     for _ in track(range(REPEATS), "timed calls"):
-        for run, times in zip(runs, seconds, strict=True):
-            started = time.perf_counter()
+        for run, own in zip(runs, times, strict=True):
+            started, worked = time.perf_counter(), time.process_time()
             run.work()
-            times.append(time.perf_counter() - started)
+            own.append((time.perf_counter() - started, time.process_time() - worked))
+    medians = [[statistics.median(column) for column in zip(*own, strict=True)] for own in times]
     return [
-        Row(run.problem, run.program, run.setting, error, statistics.median(times), compiling)
-        for run, error, times, compiling in zip(runs, errors, seconds, first, strict=True)
+        Row(run.problem, run.program, run.setting, error, *median, compiling)
+        for run, error, median, compiling in zip(runs, errors, medians, first, strict=True)
     ]
 
 

@@ -1,0 +1,91 @@
+"""docs/validation.md shows the numbers of docs/results, and these are what the page says of them."""
+
+import importlib.util
+from itertools import pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+DOCS = Path(__file__).parents[1] / "docs"
+
+
+@pytest.fixture(scope="module")
+def figures() -> ModuleType:
+    """docs/figures_validation.py."""
+    spec = importlib.util.spec_from_file_location("figures_validation", DOCS / "figures_validation.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def found(figures: ModuleType) -> dict[str, Any]:
+    return figures.load()
+
+
+def test_the_page_shows_the_numbers_on_file(figures: ModuleType, found: dict[str, Any]) -> None:
+    page = figures.PAGE.read_text()
+    assert figures.into_page(page, figures.tables(found)) == page
+
+
+def test_its_pictures_can_be_drawn_and_are_there(figures: ModuleType, found: dict[str, Any]) -> None:
+    assert len(figures.convergence(found["convergence"]).axes) == 4
+    assert len(figures.neighbours(found["neighbours"]["rows"]).axes) == 6
+    for name in ("convergence", "neighbours"):
+        assert (figures.IMAGES / f"validation_{name}.png").stat().st_size > 10_000
+
+
+def test_magnus_steps_are_of_fourth_order(found: dict[str, Any]) -> None:
+    for line in found["convergence"]["steps"].values():
+        order = -np.log(line["error"][-1] / line["error"][-3]) / np.log(line["steps"][-1] / line["steps"][-3])
+        assert order == pytest.approx(4, abs=0.15)  # the limit of small steps, nearly
+
+
+def test_newton_ends_quadratically(found: dict[str, Any]) -> None:
+    for line in found["convergence"]["newton"].values():
+        pairs = [(a, b) for a, b in pairwise(line) if 1e-6 < a < 0.03]
+        assert len(pairs) >= 2
+        assert all(after < 3 * before**2 for before, after in pairs)
+
+
+def test_the_median_is_at_most_five_iterations(found: dict[str, Any]) -> None:
+    path = found["convergence"]["iterations"]
+    assert path["median"] <= 5
+    assert path["converged"] >= 0.999
+    assert sum(path["counts"]) == path["shapes"] * path["loads"]
+
+
+def test_sorosim_is_met_within_what_its_tests_allow(found: dict[str, Any]) -> None:
+    assert {row["test"].split("[")[0] for row in found["sorosim"]} >= {
+        "test_cantilever",
+        "test_tapered_rod_with_a_line",
+        "test_spatial_cantilever",
+        "test_hinged_chain",
+        "test_contact",
+        "test_released_cantilever_of_sorosim",
+    }
+    assert all(row["difference"] <= row["tolerance"] * 1.001 for row in found["sorosim"])
+
+
+def test_what_the_page_concludes_is_what_was_timed(found: dict[str, Any]) -> None:
+    """At rest exosight is nearer and faster; in motion SoRoMoX is nearer, exosight faster to three digits."""
+    rows = found["neighbours"]["rows"]
+
+    def of(problem: str, program: str) -> np.ndarray:
+        own = [r for r in rows if (r["problem"], r["program"]) == (problem, program)]
+        return np.array([(r["error"], r["seconds"]) for r in own])
+
+    for problem in ("cantilever", "contact"):
+        ours, theirs = of(problem, "exosight"), of(problem, "PyElastica")
+        best = ours[1]
+        assert np.all(best < theirs.min(axis=0))
+    for problem in ("motion in a plane", "motion in space", "motion in space, slender"):
+        ours, theirs = of(problem, "exosight"), of(problem, "SoRoMoX")
+        assert theirs[:, 0].max() < ours[:, 0].min()
+        assert ours[ours[:, 0] < 3e-3, 1].min() < theirs[:, 1].min()
+    assert ours[:, 1].max() < theirs[:, 1].min()  # the slender rod, at any tolerance
