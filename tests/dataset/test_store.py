@@ -202,6 +202,21 @@ def test_a_chunk_that_points_at_another_file_is_refused(dataset: Path, tmp_path:
         read_frames(dataset)
 
 
+def test_a_chunk_that_links_to_an_array_of_another_file_is_refused(
+    dataset: Path, tmp_path: Path, alter_chunk
+) -> None:
+    with h5py.File(tmp_path / "secret.h5", "w") as secret:
+        secret["images"] = np.zeros((18, 4, 6), np.uint8)
+
+    def link_outside(file: h5py.File) -> None:
+        del file["images"]
+        file["images"] = h5py.ExternalLink(str(tmp_path / "secret.h5"), "images")
+
+    alter_chunk(link_outside)
+    with pytest.raises(DataError, match="images is not an array of this file"):
+        read_frames(dataset)
+
+
 def test_a_promise_of_more_frames_than_there_are_is_refused(dataset: Path, edit_manifest) -> None:
     # 2 GB of poses and images that are never touched.
     edit_manifest(lambda values: values["chunks"][0].update(frames=10_000_000))

@@ -158,7 +158,12 @@ def _opened(path: Path, chunk: ChunkEntry) -> Iterator[h5py.File]:
 
 def _fill(rows: np.ndarray, name: str, file: h5py.File) -> None:
     data = file[name]
-    if not isinstance(data, h5py.Dataset) or data.external or data.is_virtual:
+    if (
+        not isinstance(data, h5py.Dataset)
+        or data.external
+        or data.is_virtual
+        or data.file.filename != file.filename
+    ):
         raise ValueError(f"{name} is not an array of this file")
     if data.shape != rows.shape or data.dtype != rows.dtype:
         raise ValueError(f"{name} expects {rows.dtype} {rows.shape}, got {data.dtype} {data.shape}")
