@@ -29,6 +29,7 @@ CARD = ModelCard(
     training={"network": "closed form"},
     data={"camera": "512 px/m"},
     widths=Widths(((1.0,) * 7,) * 5, ((1.0,) * 7, (2.0,) * 7, (3.0,) * 7, (4.0,) * 7, (5.0,) * 7)),
+    unlike_limit=0.5,
 )
 
 with_files = settings(
@@ -46,16 +47,21 @@ def closed_form() -> onnx.ModelProto:
         helper.make_node("Mul", ["forces", "tenth"], ["tenths"]),
         helper.make_node("Add", ["tenths", "tenth"], ["expected_error"]),
         helper.make_node("Sigmoid", ["raw"], ["contact"]),
+        helper.make_node("ReduceMean", ["image", "sides"], ["unlike"], keepdims=0),
     ]
     graph = helper.make_graph(
         nodes,
         "closed_form",
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["batch", 1, 6, 8])],
-        [helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", 7]) for name in OUTPUTS],
+        [
+            *(helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", 7]) for name in OUTPUTS[:3]),
+            helper.make_tensor_value_info("unlike", TensorProto.FLOAT, ["batch"]),
+        ],
         [
             numpy_helper.from_array(weight, "weight"),
             numpy_helper.from_array(bias, "bias"),
             numpy_helper.from_array(np.array(0.1, np.float32), "tenth"),
+            numpy_helper.from_array(np.array([1, 2, 3]), "sides"),
         ],
     )
     model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 18)])
@@ -96,6 +102,7 @@ def test_intervals_follow_the_closed_form(model: Path):
     assert read.low == pytest.approx(np.maximum(0, forces - half), abs=1e-5)
     assert read.high == pytest.approx(forces + half, abs=1e-5)
     assert read.contact[0] == pytest.approx([0.5] * 6 + [1 / (1 + np.e)], abs=1e-5)
+    assert read.unlike == pytest.approx([0, 0.2 / 0.5], abs=1e-5)
     wide, narrow = (OnnxEstimator.load(model).read(images, level) for level in (0.99, 0.5))
     assert np.all(wide.high - wide.low >= narrow.high - narrow.low)
     with pytest.raises(InputError, match=r"level: expected one of 0.5, 0.8, 0.9, 0.95, 0.99, got 0.7"):

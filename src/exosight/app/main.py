@@ -19,6 +19,7 @@ COMMANDS = {
     "simulate": "equilibria of one exosuit under given loads",
     "generate": "a dataset of labelled images from simulation",
     "train": "a network from a dataset",
+    "estimate": "contact forces from pictures",
     "evaluate": "a network judged beside the paper's",
     "control": "the closed loop, with a network or the true force as sensor",
     "study": "all of it, from simulation to one report",
@@ -37,6 +38,9 @@ The whole published system on small input, in minutes
 
 One exosuit under four loads
   exosight simulate --u 0 1 2.4 4
+
+The forces in a picture
+  exosight estimate image.png
 
 Step by step
   exosight generate --out results/data

@@ -18,6 +18,9 @@ from exosight.vision.camera import Camera
 HINGES = 3
 """Coordinates of a pose that are joint angles: the last."""
 
+AUXILIARY = HINGES + 2
+"""How many numbers a light network learns to tell beside the forces."""
+
 MODEL = "model.onnx"
 """Name of the exported network in a run's folder."""
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from exosight.app.console import progress, say
 from exosight.app.output import new_folder
-from exosight.app.pipeline import MODEL, Data, camera_of, check_training, fit, load
+from exosight.app.pipeline import AUXILIARY, MODEL, Data, camera_of, check_training, fit, load
 from exosight.app.report import write_report, write_tables
 from exosight.app.results import Judgement, RobustnessSummary, TrainingRun
 from exosight.app.study_config import CONFIG, PRESETS, RunConfig, StudyConfig, read_config, to_text
@@ -101,14 +101,14 @@ def _training_run(
     from exosight.learning.networks import build_network
 
     card = estimator.card
-    network = build_network(run.training.network, (card.image_height, card.image_width), 0)
-    scaled = RECIPES[resolve(run.training, "cpu").recipe].scales_forces
+    network = build_network(run.training.network, (card.image_height, card.image_width), AUXILIARY, 0)
+    scaled = RECIPES[resolve(run.training, "cpu", "float32").recipe].scales_forces
     return TrainingRun(
         name=run.name,
         parameters=sum(p.numel() for p in network.parameters() if p.requires_grad),
         frames=len(split.train),
         history=history,
-        loss="L1 loss [force SD]" if scaled else "L1 loss [N]",
+        loss="loss [force SD]" if scaled else "L1 loss [N]",
     )
 
 

@@ -11,6 +11,9 @@ from exosight.errors import DataError, InputError
 from exosight.learning.intervals import interval
 from exosight.learning.model_file import OUTPUTS, ModelCard, open_model
 
+DEFAULT_MODEL = Path(__file__).parents[1] / "models" / "light.onnx"
+"""The network that comes with the package; its card lies beside it."""
+
 # At this many 128×128 images the paper network's first layer holds 260 MB.
 _BATCH = 64
 
@@ -36,6 +39,8 @@ class Reading:
     """upper end [N]"""
     contact: Float32[np.ndarray, "frames 7"]
     """probability that there is contact [-]"""
+    unlike: Float32[np.ndarray, " frames"]
+    """how unlike those learned from an image is, as a share of what is still trusted: above 1, do not"""
 
 
 @dataclass(frozen=True)
@@ -77,13 +82,14 @@ class OnnxEstimator:
                 f"images: this estimator needs uint8 (frames, {size[0]}, {size[1]}), got {images.dtype} "
                 f"{images.shape}; render or resize them to {size[0]}×{size[1]} pixels"
             )
-        found = np.empty((len(OUTPUTS), len(images), len(self.card.contacts)), np.float32)
+        found = np.empty((3, len(images), len(self.card.contacts)), np.float32)
+        unlike = np.empty(len(images), np.float32)
         for start in range(0, len(images), _BATCH):
             part = slice(start, start + _BATCH)
             scaled = images[part, None].astype(np.float32) / np.float32(255)
-            found[:, part] = self.session.run(list(OUTPUTS), {"image": scaled})
-        if not np.isfinite(found).all():
+            *found[:, part], unlike[part] = self.session.run(list(OUTPUTS), {"image": scaled})
+        if not (np.isfinite(found).all() and np.isfinite(unlike).all()):
             raise DataError("the network answers forces that are not finite; train and export it again")
         forces, expected_error, contact = found
         low, high = interval(self.card.widths, level, forces, expected_error)
-        return Reading(forces, low, high, contact)
+        return Reading(forces, low, high, contact, unlike / np.float32(self.card.unlike_limit))

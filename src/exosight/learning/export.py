@@ -12,12 +12,14 @@ import numpy as np
 import onnx
 import torch
 from jaxtyping import Float32, UInt8
+from torch import Tensor, nn
 
 import exosight
 from exosight.errors import DataError, InputError
 from exosight.files import replace_file
 from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
 from exosight.learning.intervals import Widths, calibrate
+from exosight.learning.likeness import Likeness, fit_likeness
 from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, open_session, seal
 from exosight.learning.networks import ForceModel, answers
 from exosight.learning.samples import CONTACTS
@@ -55,12 +57,25 @@ def export_onnx(
     if path.exists():
         raise InputError(f"{path}: exists already; choose another name")
     checkpoint, model = load_checkpoint(source), load_model(source)
-    card = _card(checkpoint, calibrate(*_answers(model, images), forces))
-    proto = _convert(model, card)
+    likeness = fit_likeness(model, images)
+    card = _card(checkpoint, calibrate(*_answers(model, images), forces), likeness.limit)
+    proto = _convert(_Deployed(model, likeness).eval(), card)
     _verify(proto, model, card)
     path.parent.mkdir(parents=True, exist_ok=True)
     replace_file(path, seal(proto.SerializeToString()))
     return card
+
+
+class _Deployed(nn.Module):
+    """What goes into the file: the answers, and how unlike those learned from an image is."""
+
+    def __init__(self, model: ForceModel, likeness: Likeness):
+        super().__init__()
+        self.model, self.likeness = model, likeness
+
+    def forward(self, image: Tensor) -> tuple[Tensor, ...]:
+        features = self.model.features(image)
+        return (*self.model.read(features), self.likeness(image, features))
 
 
 def _answers(
@@ -76,7 +91,7 @@ def _answers(
     return forces, error
 
 
-def _card(checkpoint: Checkpoint, widths: Widths) -> ModelCard:
+def _card(checkpoint: Checkpoint, widths: Widths, unlike_limit: float) -> ModelCard:
     run, best = checkpoint.run, checkpoint.history[checkpoint.position.best_epoch - 1]
     return ModelCard(
         exosight_version=exosight.__version__,
@@ -92,10 +107,11 @@ def _card(checkpoint: Checkpoint, widths: Widths) -> ModelCard:
         training=asdict(run.settings),
         data=run.data_identity,
         widths=widths,
+        unlike_limit=unlike_limit,
     )
 
 
-def _convert(model: ForceModel, card: ModelCard) -> onnx.ModelProto:
+def _convert(model: nn.Module, card: ModelCard) -> onnx.ModelProto:
     """Trace the network, and keep only the graph: around it PyTorch writes paths of this machine."""
     example = torch.zeros(2, 1, card.image_height, card.image_width)
     with _quiet():

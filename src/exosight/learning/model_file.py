@@ -20,8 +20,9 @@ from exosight.learning.intervals import Widths
 _SEAL_START = b"\x72\x4a\x0a\x06sha256\x12\x40"
 
 
-OUTPUTS = ("forces", "expected_error", "contact")
-"""Of the network in the file: forces [N], the error to be expected of each [N], probability of contact."""
+OUTPUTS = ("forces", "expected_error", "contact", "unlike")
+"""Of the network in the file: forces [N], the error to be expected of each [N], probability of contact; and
+one number an image, how unlike those learned from it is."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +49,8 @@ class ModelCard:
     """identity of the frames learned from, camera included"""
     widths: Widths
     """of the intervals around its estimates"""
+    unlike_limit: float
+    """score beyond which an image is unlike those that it was trained for"""
 
 
 _CARD = pydantic.TypeAdapter(ModelCard)
@@ -112,7 +115,8 @@ def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
         raise DataError(f"{name}: not an estimator of this version of exosight; export it again") from error
     inputs = [(node.name, node.type, node.shape[1:]) for node in session.get_inputs()]
     outputs = [(node.name, node.type, node.shape[1:]) for node in session.get_outputs()]
-    wanted = [(name, "tensor(float)", [len(card.contacts)]) for name in OUTPUTS]
+    shapes = ([len(card.contacts)],) * 3 + ([],)
+    wanted = [(name, "tensor(float)", shape) for name, shape in zip(OUTPUTS, shapes, strict=True)]
     if inputs != [("image", "tensor(float)", [1, card.image_height, card.image_width])] or outputs != wanted:
         raise DataError(
             f"{name}: inputs {inputs} and outputs {outputs} do not fit its metadata; export it again"

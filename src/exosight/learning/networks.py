@@ -163,7 +163,19 @@ class ForceModel(nn.Module):
         A network that tells neither of the last two is taken to err by the same everywhere, and to see
         contact where it sees a force.
         """
-        found = answers(self.network(image))
+        return self.read(self.features(image))
+
+    def features(self, image: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "batch features"]:
+        """What the last layer sees of images."""
+        for layer in list(self.network)[:-1]:
+            image = layer(image)
+        return image
+
+    def read(
+        self, features: Float[Tensor, "batch features"]
+    ) -> tuple[Float[Tensor, "batch 7"], Float[Tensor, "batch 7"], Float[Tensor, "batch 7"]]:
+        """The three answers, from the features of images."""
+        found = answers(list(self.network)[-1](features))
         forces = torch.relu(found.forces * self.scale)
         if found.log_spread is None or found.contact is None:
             return forces, self.scale.expand_as(forces), (forces > 0).to(forces.dtype)

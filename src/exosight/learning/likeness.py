@@ -1,0 +1,94 @@
+"""Whether an image is like those that a network learned from: can the picture be told from what it saw in it?
+
+A linear map takes the network's last features back to the picture, at a quarter of its size. Where the
+network has never seen the like, features and picture do not fit. The score is the mean squared misfit, each
+place in units of what is usual there and less what the image's noise explains: well below 1 for images like
+those learned from, and more without limit for others.
+"""
+
+import numpy as np
+import torch
+from jaxtyping import Float, UInt8
+from torch import Tensor, nn
+
+from exosight.learning.networks import ForceModel, Standardise
+from exosight.vision.corruptions import add_noise
+
+SHARE, NOISE = 0.99, 0.01
+"""Share of images like those learned from, with noise of this variance [full scale²], the paper's medium,
+whose score is under the limit."""
+
+_FAINT = 0.05
+"""Least misfit that counts as usual [standard deviations of a picture]: much of it never changes at all."""
+_RIDGE = 1e-3
+_BATCH = 256
+
+
+class Likeness(nn.Module):
+    """The map back, and what misfit is usual; `limit` is the score beyond which an image is unlike."""
+
+    weight: Tensor
+    bias: Tensor
+    usual: Tensor
+    diagonal: Tensor
+
+    def __init__(self, weight: Tensor, bias: Tensor, usual: Tensor, limit: float):
+        super().__init__()
+        for name, tensor in (("weight", weight), ("bias", bias), ("usual", usual)):
+            self.register_buffer(name, tensor)
+        self.register_buffer("diagonal", torch.tensor([[[[0.5, -0.5], [-0.5, 0.5]]]]))
+        self.limit = limit
+
+    def forward(
+        self, image: Float[Tensor, "batch 1 height width"], features: Float[Tensor, "batch features"]
+    ) -> Float[Tensor, " batch"]:
+        """The score of each image."""
+        picture = Standardise()(image)
+        misfit = _shrunk(picture) - features @ self.weight - self.bias
+        # The diagonal details of 2×2 pixels: white noise has its full variance there, a picture next to none.
+        # Averaged over 4×4 pixels, a sixteenth of it is left.
+        details = nn.functional.conv2d(picture, self.diagonal, stride=2)
+        noise = (details**2).mean((1, 2, 3)) / 16
+        return ((misfit**2 - noise[:, None]) / self.usual**2).mean(1)
+
+
+def fit_likeness(model: ForceModel, images: UInt8[np.ndarray, "frames height width"]) -> Likeness:
+    """From frames that the network has not learned from: the map on every other, its misfit on the rest."""
+    features, pictures = _seen(model, images)
+    mean = features[::2].mean(0)
+    centred = features[::2] - mean
+    gram = centred.T @ centred
+    gram += _RIDGE * (gram.trace() / len(gram) + 1e-12) * torch.eye(len(gram), dtype=gram.dtype)
+    weight = torch.linalg.solve(gram, centred.T @ (pictures[::2] - pictures[::2].mean(0)))
+    bias = pictures[::2].mean(0) - mean @ weight
+    kept = images[1::2] if len(images) > 1 else images
+    features, pictures = _seen(model, kept)
+    usual = ((pictures - features @ weight - bias) ** 2).mean(0).sqrt() + _FAINT
+    found = Likeness(weight.float(), bias.float(), usual.float(), limit=1.0)
+    noisy = add_noise(kept, NOISE, np.random.default_rng(0))
+    scores = []
+    with torch.inference_mode():
+        for start in range(0, len(noisy), _BATCH):
+            part = torch.from_numpy(noisy[start : start + _BATCH, None]).float() / 255
+            scores.append(found(part, model.features(part)))
+    # Of a handful of frames it may be below zero; the score of nothing but noise is.
+    found.limit = max(1.0, float(np.quantile(torch.cat(scores).numpy(), SHARE)))
+    return found
+
+
+def _shrunk(picture: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "batch places"]:
+    """A picture at a quarter of its size, in one row."""
+    return nn.functional.avg_pool2d(picture, 4).flatten(1)
+
+
+def _seen(
+    model: ForceModel, images: UInt8[np.ndarray, "frames height width"]
+) -> tuple[Float[Tensor, "frames features"], Float[Tensor, "frames places"]]:
+    """Features and small pictures, in double precision."""
+    features, pictures = [], []
+    with torch.inference_mode():
+        for start in range(0, len(images), _BATCH):
+            part = torch.from_numpy(images[start : start + _BATCH, None]).float() / 255
+            features.append(model.features(part).double())
+            pictures.append(_shrunk(Standardise()(part)).double())
+    return torch.cat(features), torch.cat(pictures)

@@ -1,0 +1,50 @@
+"""Pictures in files: read as gray, in the size that is wanted."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from exosight.errors import DataError
+
+LARGEST_FILE = 256 * 2**20  # [bytes]
+LARGEST_SIDE = 16_384  # [pixels]
+
+
+def read_gray(path: Path, width: int, height: int) -> UInt8[np.ndarray, "height width"]:
+    """A picture (PNG, JPEG, TIFF, …) as gray values 0…255, shrunk or enlarged to the size wanted.
+
+    Colours become gray by Rec. 601; transparency is ignored. An area shrinks to its mean.
+
+    width, height   [pixels]
+
+    Raises DataError if the file is missing, no picture, damaged, too large, or of another aspect ratio: a
+    stretched picture shows another pose.
+    """
+    try:
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise DataError(f"{path}: {size >> 20} MiB, pictures of up to {LARGEST_FILE >> 20} MiB are read")
+        data = path.read_bytes()
+    except OSError as error:
+        raise DataError(f"{path}: cannot be read ({error.strerror}); expected a picture") from error
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+    except cv2.error:
+        picture = None
+    if picture is None:
+        raise DataError(f"{path}: not a picture that can be read, or damaged; give a PNG, JPEG or TIFF file")
+    rows, columns = picture.shape
+    if max(rows, columns) > LARGEST_SIDE:
+        raise DataError(f"{path}: {columns}×{rows} pixels, at most {LARGEST_SIDE} a side are read")
+    # Within one pixel of the smaller picture.
+    if abs(columns * height - rows * width) > max(rows, columns, width, height):
+        raise DataError(
+            f"{path}: expected the aspect ratio {width}:{height}, got {columns}×{rows} pixels; crop it"
+        )
+    if (columns, rows) == (width, height):
+        return picture
+    return cv2.resize(
+        picture, (width, height), interpolation=cv2.INTER_AREA if columns > width else cv2.INTER_LINEAR
+    )
