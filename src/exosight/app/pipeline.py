@@ -1,15 +1,18 @@
 """From a dataset to a judged estimator: the steps that single commands and the study share."""
 
 import json
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32, Int
 
 from exosight.dataset import Frames, Manifest, Split, dataset_identity, make_split, read_frames, read_manifest
+from exosight.dataset.frames import QUANTITIES, concatenate
+from exosight.dataset.manifest import sampled_shapes
 from exosight.errors import InputError
+from exosight.exosuit.scenarios import geometry
 from exosight.learning.config import TrainConfig
 from exosight.learning.history import EpochRecord
 from exosight.learning.model_file import ModelCard
@@ -43,8 +46,34 @@ def check_training() -> None:
     from exosight.learning import export_onnx, train  # noqa: F401
 
 
-def identity(data: Data, split: Split) -> dict[str, str | int | float]:
-    """What a network remembers of its data: which dataset, which camera, which part of it."""
+def widened(data: Data, split: Split, more: Sequence[Data]) -> tuple[Frames, Split]:
+    """The frames of a dataset and of others, and its split with the others' among those to learn from.
+
+    Frames of shapes that the split keeps for validation or testing are left out of the others, whatever
+    their numbers and parameters there: shapes are the same where length and radii are.
+
+    Raises InputError if images or poses differ in size.
+    """
+    shapes = {sampled.shape_id: geometry(sampled.shape) for sampled in sampled_shapes(data.manifest)}
+    kept = data.frames.shape_id[np.concatenate([split.validation, split.test])]
+    judged = {shapes[number] for number in np.unique(kept).tolist()}
+    parts = [data.frames]
+    for other in more:
+        mine, own = other.manifest, data.manifest
+        if (mine.camera, mine.dofs) != (own.camera, own.dofs):
+            raise InputError(
+                "train: expected datasets of one camera and plant, got several; generate them alike"
+            )
+        fresh = [s.shape_id for s in sampled_shapes(mine) if geometry(s.shape) not in judged]
+        chosen = np.isin(other.frames.shape_id, fresh)
+        parts.append(Frames(**{name: getattr(other.frames, name)[chosen] for name in QUANTITIES}))
+    frames = concatenate(parts) if more else data.frames
+    added = np.arange(len(data.frames), len(frames))
+    return frames, replace(split, train=np.concatenate([split.train, added]))
+
+
+def identity(data: Data, split: Split, more: Sequence[Data] = ()) -> dict[str, str | int | float]:
+    """What a network remembers of its data: which dataset, which camera, which part of it, which others."""
     whole = dataset_identity(data.manifest)
     camera = whole.pop("camera")
     return {
@@ -53,6 +82,7 @@ def identity(data: Data, split: Split) -> dict[str, str | int | float]:
         "protocol": split.protocol,
         "split_seed": split.seed,
         "held_out": split.held_out or "",
+        "more": ", ".join(str(dataset_identity(other.manifest)["sha256"]) for other in more),
     }
 
 
@@ -62,21 +92,26 @@ def fit(
     config: TrainConfig,
     folder: Path,
     *,
+    more: Sequence[Data] = (),
     resume: bool,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[EpochRecord, ...]:
-    """Train a network, export it to `folder/model.onnx`, and return its loss curves."""
+    """Train a network, export it to `folder/model.onnx`, and return its loss curves.
+
+    more   datasets to learn from as well, without what `split` keeps for judging, see `widened`
+    """
     from exosight.learning import export_onnx, train
 
+    frames, wider = widened(data, split, more)
     result = train(
         config,
-        data.frames.images,
-        data.frames.forces,
-        split.train,
-        split.validation,
+        frames.images,
+        frames.forces,
+        wider.train,
+        wider.validation,
         folder,
-        identity(data, split),
-        auxiliary=auxiliary(data.frames),
+        identity(data, split, more),
+        auxiliary=auxiliary(frames),
         resume=resume,
         progress=lambda at: progress(at.step, at.steps),
     )

@@ -16,6 +16,7 @@ DEFAULT = TrainConfig()
 def train(
     data: Path,
     out: Path,
+    more: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH …", help_behavior_hint="")] = (),
     protocol: Literal["shape", "frame", "family"] = "shape",
     held_out: Annotated[str | None, tyro.conf.arg(metavar="FAMILY", help_behavior_hint="")] = None,
     split_seed: Seed = 0,
@@ -33,6 +34,7 @@ def train(
     Args:
         data: folder of a dataset, from `exosight generate`
         out: folder of the run; it must not exist, unless --resume
+        more: folders of further datasets to learn from; what --data keeps for judging is left out of them
         protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's) or family
         held_out: family of shapes kept for testing, with --protocol family
         split_seed: seed of the division
@@ -47,11 +49,12 @@ def train(
 
     check_training()
     loaded = load(data)
+    further = [load(folder) for folder in more]
     split = make_split(loaded.frames, protocol, split_seed, held_out)
     with progress("training", "steps") as update:
-        history = fit(loaded, split, config, out, resume=resume, progress=update)
+        history = fit(loaded, split, config, out, more=further, resume=resume, progress=update)
     parts = (len(split.train), len(split.validation), len(split.test))
-    say("{} frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
+    say("{} of its frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
     best = min((r for r in history if r.validation_l1 is not None), key=lambda r: r.validation_l1 or 0.0)
     say(f"best epoch {best.epoch} of {len(history)}: validation error {best.validation_l1:.4f} N")
     say(f"wrote {out / MODEL}")

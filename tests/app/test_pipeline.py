@@ -1,0 +1,68 @@
+"""Learning from several datasets: nothing that is kept for judging slips in with the others."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from exosight.app.pipeline import Data, identity, load, widened
+from exosight.dataset import make_split
+from exosight.dataset.manifest import sampled_shapes
+from exosight.errors import InputError
+from exosight.exosuit.scenarios import geometry, sample_shapes
+from exosight.vision.camera import Camera
+
+
+@pytest.fixture
+def first(data: Path) -> Data:
+    return load(data)
+
+
+def test_frames_of_judged_shapes_are_left_out_whatever_their_numbers(
+    first: Data, make_dataset: Callable[..., Path], tmp_path: Path
+) -> None:
+    # The same eleven shapes, numbered backwards, and eleven others.
+    shapes = sample_shapes(1, seed=0)
+    turned = [replace(s, shape_id=1000 - s.shape_id) for s in shapes]
+    again = load(make_dataset(tmp_path / "again", shapes=turned, seed=1))
+    fresh = load(make_dataset(tmp_path / "fresh", shapes=sample_shapes(1, seed=5), seed=2))
+    split = make_split(first.frames, "shape", 0)
+    frames, wider = widened(first, split, [again, fresh])
+
+    assert np.array_equal(wider.validation, split.validation)
+    assert np.array_equal(wider.test, split.test)
+    assert np.array_equal(wider.train[: len(split.train)], split.train)
+    by_number = {s.shape_id: geometry(s.shape) for s in sampled_shapes(first.manifest)}
+    judged = {by_number[n] for n in first.frames.shape_id[[*split.validation, *split.test]].tolist()}
+    seen = {geometry(s.shape): s.shape_id for s in turned}
+    added = frames.shape_id[len(first.frames) :]
+    assert not {seen[shape] for shape in judged} & set(added.tolist())
+    learned = {by_number[n] for n in first.frames.shape_id[split.train].tolist()}
+    assert {seen[shape] for shape in learned} <= set(added.tolist())
+    assert len(wider.train) == len(split.train) + len(added)
+    # Images and labels stay together.
+    last = len(frames) - 1
+    place = np.flatnonzero(np.all(fresh.frames.images == frames.images[last], axis=(1, 2)))
+    assert np.array_equal(fresh.frames.forces[place[0]], frames.forces[last])
+
+
+def test_one_dataset_is_taken_as_it_is(first: Data) -> None:
+    split = make_split(first.frames, "shape", 0)
+    frames, wider = widened(first, split, [])
+    assert frames is first.frames
+    assert np.array_equal(wider.train, split.train)
+
+
+def test_another_camera_is_refused(first: Data, make_dataset: Callable[..., Path], tmp_path: Path) -> None:
+    other = load(make_dataset(tmp_path / "other", camera=Camera(width=32, height=32)))
+    with pytest.raises(InputError, match="expected datasets of one camera and plant"):
+        widened(first, make_split(first.frames, "shape", 0), [other])
+
+
+def test_the_network_remembers_all_its_datasets(first: Data) -> None:
+    split = make_split(first.frames, "shape", 0)
+    alone, both = identity(first, split), identity(first, split, [first])
+    assert alone["more"] == ""
+    assert both["more"] == alone["sha256"]
