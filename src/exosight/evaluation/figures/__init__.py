@@ -2,6 +2,7 @@
 
 overview, sphere_centres, loading_path, find_snaps,
 pose_strip                                                  motion.py
+identifiability_map                                         identifiability.py
 loss_curves                                                 learning.py
 sample_traces, predicted_against_true, rainclouds           accuracy.py
 corrupted_examples, robustness_bars                         robustness.py
@@ -11,6 +12,7 @@ to_svg                                                      style.py
 
 from exosight.evaluation.figures.accuracy import predicted_against_true, rainclouds, sample_traces
 from exosight.evaluation.figures.control import steady_states, step_responses
+from exosight.evaluation.figures.identifiability import identifiability_map
 from exosight.evaluation.figures.learning import loss_curves
 from exosight.evaluation.figures.motion import find_snaps, loading_path, overview, pose_strip, sphere_centres
 from exosight.evaluation.figures.robustness import corrupted_examples, robustness_bars
@@ -19,6 +21,7 @@ from exosight.evaluation.figures.style import to_svg
 __all__ = [
     "corrupted_examples",
     "find_snaps",
+    "identifiability_map",
     "loading_path",
     "loss_curves",
     "overview",

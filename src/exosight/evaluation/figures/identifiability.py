@@ -1,0 +1,45 @@
+"""Which contacts one view resolves, and to what force."""
+
+from collections.abc import Mapping
+
+import matplotlib
+import numpy as np
+from jaxtyping import Float
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from exosight.evaluation.figures.style import new_figure, styled
+from exosight.evaluation.metrics import CONTACTS, NET_FORCE
+
+_FREE = "#EEEEEE"
+_RANGE = (1e-4, 0.1)
+"""Forces between which colours differ [N]."""
+
+
+@styled
+def identifiability_map(
+    u: Float[np.ndarray, " loads"], cases: Mapping[str, Float[np.ndarray, "loads 8"]]
+) -> Figure:
+    """Smallest force that an outline resolves, contacts over actuation, a panel a case; gray where free.
+
+    cases   title → what `exosight.evaluation.identifiability.resolved` found at the loads u [N]
+    """
+    figure = new_figure(height=0.5 + 1.75 * len(cases))
+    panels = figure.subplots(len(cases), 1, sharex=True, squeeze=False)[:, 0]
+    colours = matplotlib.colormaps["viridis"].with_extremes(bad=_FREE)
+    names = (*CONTACTS, NET_FORCE)
+    mesh = None
+    for ax, (title, found) in zip(panels, cases.items(), strict=True):
+        shown = np.ma.masked_invalid(found.T)
+        mesh = ax.pcolormesh(
+            u, np.arange(len(names)), shown, cmap=colours, norm=LogNorm(*_RANGE), shading="nearest"
+        )
+        mesh.set_rasterized(True)
+        ax.set_facecolor(_FREE)
+        ax.set_yticks(np.arange(len(names)), names)
+        ax.invert_yaxis()
+        ax.set_title(title)
+    panels[-1].set_xlabel("actuation u [N]")
+    if mesh is not None:
+        figure.colorbar(mesh, ax=panels, label="smallest force resolved [N]", extend="both", pad=0.01)
+    return figure

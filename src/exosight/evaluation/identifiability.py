@@ -1,0 +1,234 @@
+"""What a single view can tell at best: the smallest force on each contact that an outline resolves.
+
+An equilibrium depends on numbers p that the picture does not state: the actuation, the exosuit's radius along
+its length, its length, and how stiff everything is. To first order p moves the outline in the picture by J_y
+and the contact forces by J_f, so that with noise σ on every outline point and a prior covariance P of p, the
+forces are known to within (Bayes, all Gaussian)
+
+    cov(f) = J_f (J_yᵀ J_y / σ² + P⁻¹)⁻¹ J_fᵀ.
+
+No estimator of one image, however trained, does better on average over that prior. What no outline shows at
+all: load and every stiffness scaled by one factor leave the pose as it is and scale the forces.
+"""
+
+from dataclasses import dataclass
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from exosight.arrays import AnyArray
+from exosight.errors import InputError
+from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble_surface, observe
+from exosight.exosuit.shapes import radius, radius_slope
+from exosight.mechanics import Circular, Robot, Rod, differentiable, follow
+from exosight.mechanics.sensitivity import SNAP
+
+KNOTS = 6
+"""Places along the exosuit at which its radius is unknown; straight in between."""
+HINGES = 3
+PARAMETERS = (
+    "u",
+    "young",
+    "contact_stiffness",
+    *(f"joint_stiffness_{i}" for i in range(HINGES)),
+    "length",
+    *(f"radius_{i}" for i in range(KNOTS)),
+)
+"""What is unknown: u [N]; moduli and stiffnesses [share of their value]; length and radii [m]."""
+
+NOISE = 0.1
+"""Standard deviation of an outline point across the outline [pixels]: what a sharp edge allows."""
+
+STEP = 0.05
+"""Loads are approached from rest in steps of this [N]."""
+
+_ON_LINK = 8  # outline points on a link of the finger, one every 3 to 6 mm
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Standard deviations of what is unknown, before the picture is seen."""
+
+    u: float = 2.0
+    """[N]"""
+    stiffness: float = 0.1
+    """of modulus, contact and each hinge, as a share"""
+    length: float = 0.01
+    """[m]"""
+    radius: float = 0.002
+    """at each knot [m]"""
+
+    def deviations(self) -> Float[np.ndarray, " parameters"]:
+        """One standard deviation a parameter."""
+        parts = ([self.u], [self.stiffness] * (2 + HINGES), [self.length], [self.radius] * KNOTS)
+        return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+
+
+MATERIAL_KNOWN = Prior(stiffness=1e-6)
+"""The published setting: only the exosuit's shape and its actuation differ from picture to picture."""
+MATERIAL_VARIES = Prior()
+"""Moduli and stiffnesses are known to 10 %."""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """How outline and forces of one exosuit depend on PARAMETERS, at each load."""
+
+    u: Float[np.ndarray, " loads"]
+    """[N]"""
+    forces: Float[np.ndarray, "loads 7"]
+    """on C1…C7 [N]"""
+    stable: Bool[np.ndarray, " loads"]
+    """Whether the pose has derivatives: found, and not about to snap. Elsewhere these are NaN."""
+    outline: Float[np.ndarray, "loads points parameters"]
+    """derivatives of the outline points' shift across the outline [m a unit]"""
+    force: Float[np.ndarray, "loads 7 parameters"]
+    """derivatives of the forces [N a unit]"""
+
+
+def sensitivity(exosuit: Exosuit, loads: Float[np.ndarray, " loads"]) -> Sensitivity:
+    """Outline and forces by PARAMETERS, at rising loads approached from rest.
+
+    The outline is both edges and the tip of the exosuit, which covers the finger, and the finger's lower edge
+    and tip; a point counts by its shift across the outline, as one along it does not show.
+
+    loads   (loads,)  rising, 0 or more [N]
+
+    Raises InputError for other loads, or a finger with another number of hinges than 3.
+    """
+    loads = np.asarray(loads, dtype=float)
+    if not (len(loads) and loads[0] >= 0 and np.all(np.diff(loads) > 0) and np.isfinite(loads[-1])):
+        raise InputError(f"loads: expected rising numbers from 0 N, got {loads.tolist()}")
+    if len(exosuit.finger.joint_stiffness) != HINGES:
+        raise InputError(f"finger: expected 3 hinges, got {len(exosuit.finger.joint_stiffness)}")
+    grid = np.arange(STEP, loads[-1], STEP)
+    path = np.union1d(np.round(grid, 9), loads)
+    found = follow([_robot(exosuit, np.zeros(len(PARAMETERS)))], path[:, None])
+    at = np.searchsorted(path, loads)
+    stable = np.asarray(found.converged[0, at] & (found.min_eigenvalue[0, at] > 10 * SNAP))
+    by, values = _jacobians(exosuit, loads[stable], found.q[0, at][stable])
+    outline, force = (_filled(part, stable) for part in by)
+    return Sensitivity(loads, _filled(values, stable), stable, outline, force)
+
+
+def resolved(
+    of: Sensitivity, prior: Prior = MATERIAL_KNOWN, noise: float = NOISE, metres_per_pixel: float = 0.0011
+) -> Float[np.ndarray, "loads 8"]:
+    """Standard deviations of C1…C7 and F_net that remain once a picture is seen [N].
+
+    NaN where a contact is free, or the pose has no derivatives.
+
+    noise   of an outline point [pixels]; infinite for what is known without a picture
+
+    Raises InputError for a noise that is not above 0.
+    """
+    if not noise > 0:
+        raise InputError(f"noise: expected above 0 pixels, got {noise}")
+    scale = prior.deviations()
+    out = np.full((len(of.u), 8), np.nan)
+    for k in np.flatnonzero(of.stable):
+        # In units of the prior's deviations, whose own information then is the identity.
+        seen = of.outline[k] * scale / (noise * metres_per_pixel)
+        force = np.vstack([of.force[k], of.force[k].sum(axis=0)]) * scale
+        # By singular values: squaring the outline's derivatives would lose half of their digits.
+        _, size, directions = np.linalg.svd(seen, full_matrices=True)
+        strength = np.zeros(len(scale))
+        strength[: len(size)] = size
+        along = force @ directions.T / np.sqrt(1 + strength**2)
+        out[k] = np.linalg.norm(along, axis=1)
+        out[k, np.append(of.forces[k], of.forces[k].sum()) == 0] = np.nan
+    return out
+
+
+def _robot(exosuit: Exosuit, p: Float[AnyArray, " parameters"]) -> Robot:
+    """The robot whose PARAMETERS differ by p from the exosuit's own (u aside)."""
+    _, young, contact, *rest = p
+    joints, length, radii = rest[:HINGES], rest[HINGES], jnp.stack(rest[HINGES + 1 :])
+    x = QUADRATURE.points
+    hats, slopes = _hats(x)
+    robot = assemble_surface(
+        radius(exosuit.shape.surface, x) + hats @ radii,
+        radius_slope(exosuit.shape.surface, x) + slopes @ radii,
+        exosuit.shape.length + length,
+        finger=exosuit.finger,
+        young=exosuit.young * (1 + young),
+        contact_stiffness=exosuit.contact_stiffness * (1 + contact),
+        gap=exosuit.gap,
+        mount_angle=exosuit.mount_angle,
+        mount_offset=exosuit.mount_offset,
+    )
+    links = [exosuit.finger.link_name(i) for i in range(HINGES)]
+    springs = [robot[link].joint.stiffness * (1 + k) for link, k in zip(links, joints, strict=True)]
+    return eqx.tree_at(lambda r: [r[link].joint.stiffness for link in links], robot, springs)
+
+
+def _hats(
+    x: Float[np.ndarray, " points"],
+) -> tuple[Float[np.ndarray, "points knots"], Float[np.ndarray, "points knots"]]:
+    """Piecewise linear functions, 1 at one knot and 0 at the others, and their slopes."""
+    knots = np.linspace(0, 1, KNOTS)
+    hats = np.stack([np.interp(x, knots, row) for row in np.eye(KNOTS)], axis=1)
+    left = np.minimum((x * (KNOTS - 1)).astype(int), KNOTS - 2)
+    slopes = (KNOTS - 1) * (np.eye(KNOTS)[left + 1] - np.eye(KNOTS)[left])
+    return hats, slopes
+
+
+def _measured(robot: Robot, q: Float[Array, " dofs"]) -> tuple[Float[Array, " points"], Float[Array, "7"]]:
+    """Shift of the outline points across the reference outline, up to a constant [m], and the forces [N]."""
+    batched = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], robot)
+    pose = jax.tree.map(lambda leaf: leaf[0, 0], observe(batched, q[None, None]))
+    axis = pose.centreline[:, ::2]
+    along, across = _directions(jnp.asarray(jnp.gradient(axis, QUADRATURE.points, axis=0)))
+    shift = jnp.sum(across * axis, axis=1)
+    rod = robot[ROD]
+    assert isinstance(rod, Rod)
+    assert isinstance(rod.section, Circular)
+    thick = rod.section.radius
+    # The link beyond the last hinge is the fingertip's cap.
+    nodes = pose.finger[: HINGES + 1, ::2]
+    share = (np.arange(_ON_LINK)[:, None, None] + 0.5) / _ON_LINK
+    points = nodes[:-1] + share * jnp.diff(nodes, axis=0)
+    link_along, link_across = _directions(jnp.diff(nodes, axis=0))
+    outline = (
+        *(shift + thick, shift - thick, along[-1:] @ axis[-1]),
+        *(jnp.sum(link_across * points, axis=2).ravel(), link_along[-1:] @ nodes[-1]),
+    )
+    return jnp.concatenate(outline), pose.forces[1:]
+
+
+def _directions(
+    tangent: Float[Array, "points 2"],
+) -> tuple[Float[Array, "points 2"], Float[Array, "points 2"]]:
+    """Unit vectors along and across a curve, held constant: shifts are against the reference."""
+    unit = jax.lax.stop_gradient(tangent / jnp.linalg.norm(tangent, axis=1, keepdims=True))
+    return unit, jnp.stack([-unit[:, 1], unit[:, 0]], axis=1)
+
+
+def _jacobians(
+    exosuit: Exosuit, loads: Float[np.ndarray, " loads"], q: Float[AnyArray, "loads dofs"]
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """Derivatives of outline and forces by PARAMETERS at each load, and the forces."""
+
+    # Assembled outside of compiled code, where bodies are checked as they are made.
+    robot = _robot(exosuit, np.zeros(len(PARAMETERS)))
+    slopes = jax.jacfwd(lambda p: _robot(exosuit, p))(jnp.zeros(len(PARAMETERS)))
+
+    def measured(p: Array, u: Array, q: Array) -> tuple[tuple[Array, Array], Array]:
+        own = jax.tree.map(lambda leaf, slope: leaf + slope @ p, robot, slopes)
+        outline, forces = _measured(own, differentiable(own, (u + p[0])[None], q))
+        return (outline, forces), forces
+
+    def at(case: tuple[Array, Array]) -> tuple[tuple[Array, Array], Array]:
+        return jax.jacfwd(measured, has_aux=True)(jnp.zeros(len(PARAMETERS)), *case)
+
+    by, forces = jax.jit(lambda *cases: jax.lax.map(at, cases))(jnp.asarray(loads), jnp.asarray(q))
+    return (np.asarray(by[0]), np.asarray(by[1])), np.asarray(forces)
+
+
+def _filled(values: np.ndarray, where: Bool[np.ndarray, " loads"]) -> np.ndarray:
+    out = np.full((len(where), *values.shape[1:]), np.nan)
+    out[where] = values
+    return out
