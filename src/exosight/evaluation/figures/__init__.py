@@ -5,6 +5,7 @@ pose_strip                                                  motion.py
 identifiability_map                                         identifiability.py
 loss_curves                                                 learning.py
 sample_traces, predicted_against_true, rainclouds           accuracy.py
+reliability                                                 reliability.py
 corrupted_examples, robustness_bars                         robustness.py
 steady_states, step_responses                               control.py
 to_svg                                                      style.py
@@ -15,6 +16,7 @@ from exosight.evaluation.figures.control import steady_states, step_responses
 from exosight.evaluation.figures.identifiability import identifiability_map
 from exosight.evaluation.figures.learning import loss_curves
 from exosight.evaluation.figures.motion import find_snaps, loading_path, overview, pose_strip, sphere_centres
+from exosight.evaluation.figures.reliability import reliability
 from exosight.evaluation.figures.robustness import corrupted_examples, robustness_bars
 from exosight.evaluation.figures.style import to_svg
 
@@ -28,6 +30,7 @@ __all__ = [
     "pose_strip",
     "predicted_against_true",
     "rainclouds",
+    "reliability",
     "robustness_bars",
     "sample_traces",
     "sphere_centres",

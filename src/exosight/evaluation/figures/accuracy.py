@@ -9,6 +9,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from exosight.evaluation.details import TOUCHING
 from exosight.evaluation.figures.style import (
     BLACK,
     ESTIMATED,
@@ -20,9 +21,6 @@ from exosight.evaluation.figures.style import (
     styled,
 )
 from exosight.evaluation.metrics import CONTACTS, NET_FORCE, score
-
-TOUCHING = 1e-3
-"""A contact counts as touching from this true force on [N]: a hundredth of a typical one."""
 
 # A contact that happens to be free in all samples must not blow up the estimator's noise [N].
 _SMALLEST_SCALE = 0.05

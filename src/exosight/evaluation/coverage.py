@@ -1,0 +1,113 @@
+"""Whether intervals hold what they promise: the share of true forces inside, and how wide they are."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from exosight.errors import InputError
+from exosight.evaluation.metrics import CONTACTS
+from exosight.evaluation.tables import Cell, Column, Table
+
+Forces = Float[np.ndarray, "..."]
+
+GROUPS = ("all", "zero", "force")
+"""All frames; those whose estimate is zero; those where it is not."""
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Of the intervals of some levels, by contact and GROUPS; NaN where a group has no frames."""
+
+    levels: tuple[float, ...]
+    """promised share [-]"""
+    share: Float[np.ndarray, "levels 7 3"]
+    """of the frames whose true force is inside [-]"""
+    width: Float[np.ndarray, "levels 7 3"]
+    """mean width [N]"""
+
+    @property
+    def calibration_error(self) -> Float[np.ndarray, "7 3"]:
+        """Mean over the levels of |share inside − promised share| [-]."""
+        return np.abs(self.share - np.array(self.levels)[:, None, None]).mean(axis=0)
+
+    def at(self, level: float) -> Float[np.ndarray, "7"]:
+        """Share inside at one of the levels, over all frames, a contact [-]."""
+        return self.share[self.levels.index(level), :, 0]
+
+
+def evaluate_intervals(
+    true: Forces, estimated: Forces, intervals: Mapping[float, tuple[Forces, Forces]]
+) -> Coverage:
+    """Count how often intervals hold the true force.
+
+    true, estimated   (frames, 7)   on C1…C7 [N]
+    intervals         promised share → lower and upper ends, (frames, 7) each [N]
+
+    Raises InputError if shapes differ, or there are no frames or levels.
+    """
+    shapes = {true.shape, estimated.shape, *(end.shape for ends in intervals.values() for end in ends)}
+    if len(shapes) > 1 or not len(true) or not intervals:
+        raise InputError(
+            f"intervals: expected levels with one lower and one upper end a true force, got {len(intervals)} "
+            f"levels and shapes {sorted(shapes)}"
+        )
+    groups = (np.ones(true.shape, dtype=bool), estimated == 0, estimated != 0)
+    share, width = (
+        np.array([[_means(values(*ends), group) for group in groups] for ends in intervals.values()])
+        for values in (
+            lambda low, high: (low <= true) & (true <= high),
+            lambda low, high: high - low,
+        )
+    )
+    return Coverage(tuple(intervals), share.transpose(0, 2, 1), width.transpose(0, 2, 1))
+
+
+def interval_table(name: str, caption: str, found: Coverage) -> Table:
+    """Return coverage and mean width, a row for each contact and level."""
+    columns = (
+        Column("contact"),
+        Column("promised", "%", digits=0),
+        *(
+            Column(words, "%", "inside", 1)
+            for words in ("all frames", "estimate zero", "estimate above zero")
+        ),
+        *(Column(words, "N", "mean width", 4) for words in ("estimate zero", "estimate above zero")),
+    )
+    rows: list[tuple[Cell, ...]] = [
+        (
+            contact,
+            100 * level,
+            *(100 * found.share[k, i]).tolist(),
+            *found.width[k, i, 1:].tolist(),
+        )
+        for i, contact in enumerate(CONTACTS)
+        for k, level in enumerate(found.levels)
+    ]
+    return Table(name, caption, columns, tuple(rows), "A dash: no frame has such an estimate.")
+
+
+def calibration_table(name: str, caption: str, found: Coverage) -> Table:
+    """Return the calibration error, a row a contact, with means over the contacts."""
+    columns = (
+        Column("contact"),
+        *(Column(words, "%", digits=2) for words in ("all frames", "estimate zero", "estimate above zero")),
+    )
+    error = 100 * found.calibration_error
+    rows: list[tuple[Cell, ...]] = [
+        (contact, *row) for contact, row in zip(CONTACTS, error.tolist(), strict=True)
+    ]
+    defined = ~np.isnan(error)
+    means = np.where(defined, error, 0).sum(axis=0) / np.maximum(defined.sum(axis=0), 1)
+    rows.append(("mean", *np.where(defined.any(axis=0), means, np.nan).tolist()))
+    levels = ", ".join(f"{100 * level:g}" for level in found.levels)
+    note = f"Mean of |share inside − promised share| over intervals of {levels} %."
+    return Table(name, caption, columns, tuple(rows), note)
+
+
+def _means(values: np.ndarray, group: Bool[np.ndarray, "frames 7"]) -> Float[np.ndarray, "7"]:
+    """Mean of each column over the frames of a group; NaN where there are none."""
+    count = group.sum(axis=0)
+    total = np.where(group, values, 0).sum(axis=0, dtype=np.float64)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)

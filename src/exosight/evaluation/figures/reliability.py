@@ -1,0 +1,46 @@
+"""Whether intervals hold what they promise."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from exosight.evaluation.coverage import Coverage
+from exosight.evaluation.figures.style import (
+    BLACK,
+    BLUE,
+    GRAY,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    legend_above,
+    new_figure,
+    styled,
+)
+from exosight.evaluation.metrics import CONTACTS
+
+_LOOKS = tuple(zip((BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, BLACK), "os^vDP*", strict=True))
+
+
+@styled
+def reliability(found: Coverage) -> Figure:
+    """Share of true forces inside the intervals over the promised share, a line a contact."""
+    promised = 100 * np.array(found.levels)
+    figure = new_figure(height=3.0)
+    panels = figure.subplots(1, 3, sharex=True, sharey=True)
+    titles = ("all frames", "estimate zero", "estimate above zero")
+    for group, (ax, title) in enumerate(zip(panels, titles, strict=True)):
+        ax.axline((0, 0), slope=1, color=GRAY, linewidth=0.8, label="as promised")
+        for i, (name, (color, marker)) in enumerate(zip(CONTACTS, _LOOKS, strict=True)):
+            inside = 100 * found.share[:, i, group]
+            ax.plot(promised, inside, color=color, marker=marker, markersize=4, linewidth=0.9, label=name)
+        ax.set(title=title, xlabel="promised [%]", aspect="equal")
+        ax.grid()
+    lowest = min(promised.min(), 100 * float(np.nanmin(found.share)))
+    panels[0].set(
+        xlim=(promised.min() - 5, 102),
+        ylim=(lowest - 5, 102),
+        ylabel="true force inside [% of frames]",
+    )
+    legend_above(figure, *panels[0].get_legend_handles_labels())
+    return figure

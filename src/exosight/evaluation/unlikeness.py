@@ -1,0 +1,90 @@
+"""Whether the score for unlike images tells: against what was never trained with, and where it need not."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from exosight.errors import InputError
+from exosight.evaluation.tables import Cell, Column, Table
+from exosight.vision import BACKGROUND, HELD_OUT, UNLIKE, augment, draw_appearance, unlike_images
+
+Images = UInt8[np.ndarray, "frames height width"]
+Scores = Float[np.ndarray, " frames"]
+
+MANY = 500
+"""Most images of each kind: an AUROC of 0.97 is then known to 0.01."""
+CLEAN = 0.01
+"""Least share of a picture that shows the renderer's background: only such can be given another."""
+
+
+@dataclass(frozen=True)
+class Unlikeness:
+    """One kind of image that an estimator should not trust."""
+
+    kind: str
+    frames: int
+    auroc: float
+    """probability that such an image has a higher score than a clean one of the test part [-]"""
+    flagged: float
+    """share of them above the limit [-]"""
+
+
+def auroc(usual: Float[np.ndarray, " usual"], unlike: Float[np.ndarray, " unlike"]) -> float:
+    """The probability that an unlike image scores higher than a usual one, ties counting half [-].
+
+    It is the area under the receiver operating characteristic, and Mann and Whitney's U over both numbers.
+
+    Raises InputError if there are none of one, or a score is not finite.
+    """
+    if not (len(usual) and len(unlike) and np.isfinite(usual).all() and np.isfinite(unlike).all()):
+        raise InputError(
+            f"scores: expected finite numbers of at least one image each, got {len(usual)} and {len(unlike)}"
+        )
+    ordered = np.sort(usual)
+    below, not_above = (np.searchsorted(ordered, unlike, side=side) for side in ("left", "right"))
+    return float(np.mean(below + not_above) / 2 / len(usual))
+
+
+def evaluate_unlikeness(
+    unlike: Callable[[Images], Scores], images: Images, usual: Scores, seed: int
+) -> tuple[Unlikeness, ...]:
+    """Judge the score on held-out backgrounds and occlusions, and on pictures without the plant.
+
+    unlike   images → how unlike those learned from they are, as a share of the limit
+    images   of the test part; held-out cases are made from those before the renderer's background, and are
+             left out if none is
+    usual    the scores of these
+    seed     of what is drawn
+    """
+    _, height, width = images.shape
+    count = min(MANY, len(images))
+    clean = np.flatnonzero(np.mean(images == BACKGROUND, axis=(1, 2)) >= CLEAN)
+    picked = np.random.default_rng(seed).permutation(clean)[:count]
+    cases: dict[str, Callable[[], Images]] = {
+        f"held-out {name}": lambda v=variation: augment(images[picked], draw_appearance(v, seed, picked))
+        for name, variation in (HELD_OUT.items() if len(picked) else ())
+    }
+    cases |= {kind: lambda k=kind: unlike_images(k, count, seed, width, height) for kind in UNLIKE}
+    found = {kind: unlike(make()) for kind, make in cases.items()}
+    return tuple(
+        Unlikeness(kind, len(scores), auroc(usual, scores), float(np.mean(scores > 1)))
+        for kind, scores in found.items()
+    )
+
+
+def unlikeness_table(name: str, caption: str, found: tuple[Unlikeness, ...]) -> Table:
+    """Return AUROC and share flagged, a row a kind."""
+    columns = (
+        Column("images"),
+        Column("frames"),
+        Column("AUROC", digits=3),
+        Column("flagged", "%", digits=1),
+    )
+    rows: tuple[tuple[Cell, ...], ...] = tuple((f.kind, f.frames, f.auroc, 100 * f.flagged) for f in found)
+    note = (
+        "AUROC: probability that such an image scores higher than a clean one of the same test frames. "
+        "Flagged: above the limit, so that the estimator says not to trust it."
+    )
+    return Table(name, caption, columns, rows, note)

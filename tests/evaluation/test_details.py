@@ -1,0 +1,77 @@
+import numpy as np
+import pytest
+
+from exosight.errors import InputError
+from exosight.evaluation.details import detail_table, evaluate_details
+
+FRAMES = 400
+
+
+@pytest.fixture
+def true() -> np.ndarray:
+    """Half of the frames of each contact are free; the others press with up to 1 N."""
+    rng = np.random.default_rng(0)
+    return (rng.uniform(0.01, 1, (FRAMES, 7)) * (rng.random((FRAMES, 7)) < 0.5)).astype(np.float32)
+
+
+UP = np.where(np.arange(FRAMES) < FRAMES // 2, 1, -1).astype(np.int8)
+
+
+def touching(forces: np.ndarray) -> np.ndarray:
+    return (forces > 0).astype(np.float32)
+
+
+def test_perfect_estimates_have_no_error(true: np.ndarray) -> None:
+    for d in evaluate_details(true, true, touching(true), UP):
+        assert (d.r2, d.f1, d.p95, d.largest, d.rmse_loading, d.rmse_unloading) == (1, 1, 0, 0, 0, 0)
+
+
+def test_the_mean_explains_nothing_and_all_contact_is_half_right(true: np.ndarray) -> None:
+    mean = np.tile(true.mean(axis=0), (FRAMES, 1))
+    for i, d in enumerate(evaluate_details(true, mean, np.ones_like(true), UP)):
+        assert d.r2 == pytest.approx(0, abs=1e-6)  # the mean is rounded to single precision
+        share = np.mean(true[:, i] > 0)
+        assert d.f1 == pytest.approx(2 * share / (1 + share))
+
+
+def test_rare_errors_show_in_the_largest_and_not_in_the_percentile(true: np.ndarray) -> None:
+    estimated = true + np.float32(0.01)
+    estimated[:4, 2] += 0.49  # one in a hundred
+    d = evaluate_details(true, estimated, touching(true), UP)[2]
+    # Sums of numbers up to 1.5 in single precision.
+    assert d.p95 == pytest.approx(0.01, abs=1e-6)
+    assert d.largest == pytest.approx(0.5, abs=1e-6)
+
+
+def test_loading_and_unloading_are_told_apart(true: np.ndarray) -> None:
+    estimated = true + np.where(UP > 0, 0.1, 0.3).astype(np.float32)[:, None]
+    d = evaluate_details(true, estimated, touching(true), UP)[0]
+    assert d.rmse_loading == pytest.approx(0.1, abs=1e-6)
+    assert d.rmse_unloading == pytest.approx(0.3, abs=1e-6)
+    only_up = evaluate_details(true, estimated, touching(true), np.ones_like(UP))[0]
+    assert np.isnan(only_up.rmse_unloading)
+
+
+def test_forces_below_a_millinewton_do_not_count_as_contact() -> None:
+    true = np.zeros((2, 7), np.float32)
+    true[0], true[1] = 0.9e-3, 1e-3
+    said = np.array([[0.4] * 7, [0.6] * 7], np.float32)
+    assert [d.f1 for d in evaluate_details(true, true, said, np.ones(2, np.int8))] == [1.0] * 7
+
+
+def test_what_never_happens_is_undefined_and_left_out_of_means(true: np.ndarray) -> None:
+    true[:, 6] = 0
+    found = evaluate_details(true, true, touching(true), UP)
+    assert np.isnan(found[6].r2)
+    assert np.isnan(found[6].f1)
+    table = detail_table("details", "Details", found)
+    assert [row[0] for row in table.rows] == ["C1", "C2", "C3", "C4", "C5", "C6", "C7", "mean"]
+    assert table.rows[-1][1:3] == (1.0, 1.0)
+
+
+def test_wrong_probabilities_and_forces_are_refused(true: np.ndarray) -> None:
+    with pytest.raises(InputError, match="probabilities within 0…1"):
+        evaluate_details(true, true, 2 * np.ones_like(true), UP)
+    true[3, 2] = np.nan
+    with pytest.raises(InputError, match="expected finite numbers"):
+        evaluate_details(true, true, touching(true), UP)

@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from exosight.errors import InputError
+from exosight.evaluation.unlikeness import auroc, evaluate_unlikeness, unlikeness_table
+from exosight.vision import BACKGROUND, UNLIKE
+
+numbers = st.lists(st.integers(-5, 5), min_size=1, max_size=20).map(lambda values: np.array(values, float))
+
+
+@given(numbers, numbers)
+def test_auroc_is_the_share_of_pairs_in_order(usual: np.ndarray, unlike: np.ndarray) -> None:
+    pairs = np.sign(unlike[:, None] - usual[None])
+    assert auroc(usual, unlike) == pytest.approx(np.mean((pairs + 1) / 2))
+    assert auroc(usual, unlike) + auroc(unlike, usual) == pytest.approx(1)
+
+
+def test_scores_that_are_not_finite_or_missing_are_refused() -> None:
+    for usual, unlike in (([], [1.0]), ([1.0], []), ([1.0], [np.nan])):
+        with pytest.raises(InputError, match="scores: expected finite numbers of at least one image each"):
+            auroc(np.array(usual), np.array(unlike))
+
+
+def pictures(count: int) -> np.ndarray:
+    """A dark square before the renderer's background."""
+    images = np.full((count, 32, 32), BACKGROUND, np.uint8)
+    images[:, 8:20, 8:20] = 60
+    return images
+
+
+def background_gone(images: np.ndarray) -> np.ndarray:
+    """1.5 where less than a twentieth of the picture is the renderer's background, 0.5 elsewhere."""
+    return np.where(np.mean(images == BACKGROUND, axis=(1, 2)) < 1 / 20, 1.5, 0.5)
+
+
+def test_every_kind_is_judged_against_clean_images() -> None:
+    images = pictures(12)
+    found = {f.kind: f for f in evaluate_unlikeness(background_gone, images, background_gone(images), seed=0)}
+    assert list(found) == ["held-out backgrounds", "held-out occlusions", *UNLIKE]
+    assert {f.frames for f in found.values()} == {12}
+    # What paints over all of the background is found; what hides at most a quarter of the picture is not;
+    # and so is not what the renderer's background alone fills.
+    assert (found["held-out backgrounds"].auroc, found["held-out backgrounds"].flagged) == (1.0, 1.0)
+    assert (found["speckle"].auroc, found["speckle"].flagged) == (1.0, 1.0)
+    assert (found["held-out occlusions"].auroc, found["held-out occlusions"].flagged) == (0.5, 0.0)
+    assert (found["bare"].auroc, found["bare"].flagged) == (0.5, 0.0)
+    rows = unlikeness_table("unlike", "Unlike", tuple(found.values())).rows
+    assert rows[0] == ("held-out backgrounds", 12, 1.0, 100.0)
+
+
+def test_images_before_other_backgrounds_are_given_no_new_ones() -> None:
+    found = evaluate_unlikeness(background_gone, np.zeros((4, 32, 32), np.uint8), np.full(4, 0.5), seed=0)
+    assert [f.kind for f in found] == list(UNLIKE)
