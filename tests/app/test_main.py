@@ -17,6 +17,7 @@ import exosight
 from exosight.app.main import COMMANDS, main
 from exosight.app.options import read_options
 from exosight.exosuit.scenarios import sample_shapes
+from exosight.vision import UNLIKE
 from exosight.vision.camera import Camera
 
 Refused = Callable[..., str]
@@ -395,7 +396,12 @@ def test_evaluation_keeps_stdout_for_json_and_its_folder_for_everything(
     shown = capsys.readouterr()
     answer = json.loads(shown.out)
     assert answer["frames"] == "8 frames: test part by shape"
-    assert len(answer["robustness"]) == 6
+    assert len(answer["robustness"]) == len(answer["shifts"]) == 6
+    assert len(answer["intervals"]) == 7 * 5
+    # No clean picture of the plant is among the made-up ones: the held-out cases are not for them.
+    assert [row["images"] for row in answer["unlike"]] == list(UNLIKE)
+    assert len(answer["baselines"]) == 4
+    assert answer["baselines"][0]["RMSE exosight [N]"] == answer["robustness"][0]["RMSE exosight [N]"]
     assert "wrote" in shown.err
     config = json.loads((out / "config.json").read_text())
     assert (config["model"], config["data"], config["seed"]) == (words[2], words[4], 3)
@@ -428,7 +434,9 @@ def test_another_dataset_is_judged_as_a_whole(
             str(tmp_path / "j"),
         ]
     )
-    assert json.loads((tmp_path / "j").read_text())["frames"] == "44 frames: all frames of another dataset"
+    answer = json.loads((tmp_path / "j").read_text())
+    assert answer["frames"] == "44 frames: all frames of another dataset"
+    assert "baselines" not in answer  # it has no part that was learned from
     assert capsys.readouterr().out == ""
 
 

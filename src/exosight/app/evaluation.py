@@ -1,29 +1,50 @@
 """A network judged on a dataset: its scores beside the paper's, as tables, figures and files."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float32, Int8, UInt8
 
 from exosight.app.console import progress, to_json
 from exosight.app.pipeline import Data, test_part
 from exosight.app.report import Picture, Report, Section, write_report, write_tables
-from exosight.control.estimator import OnnxEstimator
+from exosight.control.estimator import OnnxEstimator, Reading
+from exosight.dataset import make_split
 from exosight.evaluation import (
+    Cell,
+    Column,
+    Coverage,
     Scores,
     Table,
+    Unlikeness,
+    calibration_table,
     contact_table,
-    evaluate_robustness,
+    detail_table,
+    evaluate_baselines,
+    evaluate_details,
+    evaluate_intervals,
+    evaluate_unlikeness,
     figures,
+    interval_table,
     largest_table,
+    mean_table,
     robustness_table,
+    score,
+    unlikeness_table,
 )
-from exosight.evaluation.robustness import CLEAN, Estimate
+from exosight.evaluation.robustness import CLEAN
 from exosight.files import write_new_file
-from exosight.vision.corruptions import CORRUPTIONS
+from exosight.learning.intervals import LEVELS
+from exosight.vision.corruptions import CORRUPTIONS, corrupt
+
+Images = UInt8[np.ndarray, "frames height width"]
+Read = Callable[[Images, float], Reading]
+
+USUAL = 0.9
+"""Share of true forces that the intervals shown for degraded images promise to hold."""
 
 
 @dataclass(frozen=True)
@@ -34,32 +55,103 @@ class Evaluation:
     """Which frames these are, in words."""
     true: Float32[np.ndarray, "frames 7"]
     """f_C1…f_C7 [N]."""
-    estimated: Float32[np.ndarray, "frames 7"]
-    """[N]"""
-    cases: dict[str, Scores]
-    """"clean" and each corruption of the images → scores."""
+    loading: Int8[np.ndarray, " frames"]
+    """+1 while the actuation rises, −1 while it falls."""
+    readings: dict[str, Reading]
+    """"clean" and each corruption of the images → what is read off them, with intervals of USUAL."""
+    intervals: Coverage
+    """Of the clean images, at every level."""
+    unlike: tuple[Unlikeness, ...]
+    """Held-out changes and pictures of other things."""
+    baselines: dict[str, Scores]
+    """What can be told of the same frames without a picture; empty for another dataset."""
+
+    @property
+    def estimated(self) -> Float32[np.ndarray, "frames 7"]:
+        """Forces read off the clean images [N]."""
+        return self.readings[CLEAN].forces
+
+    @property
+    def cases(self) -> dict[str, Scores]:
+        """ "clean" and each corruption → scores."""
+        return {name: score(self.true, reading.forces) for name, reading in self.readings.items()}
+
+    @property
+    def accuracy(self) -> tuple[Table, ...]:
+        """Each contact, largest forces, more on the errors, what no picture is needed for."""
+        scores = score(self.true, self.estimated)
+        contact = self.readings[CLEAN].contact
+        details = evaluate_details(self.true, self.estimated, contact, self.loading)
+        tables = (
+            contact_table("contacts", "Each contact", scores),
+            largest_table("largest_forces", "Largest forces", scores),
+            detail_table("details", "More on the errors", details),
+        )
+        if not self.baselines:
+            return tables
+        cases = {"this network": scores, **self.baselines}
+        note = "The baselines see no picture; the last two know u and whether it rises or falls."
+        return (*tables, mean_table("baselines", "Mean ± SD over C1…C7", cases, "estimator", note))
+
+    @property
+    def trust(self) -> tuple[Table, ...]:
+        """Degraded images, intervals, unlike images."""
+        return (
+            robustness_table("robustness", "Mean ± SD over C1…C7 on degraded images", self.cases),
+            self._shifts(),
+            interval_table("intervals", "Intervals, clean images", self.intervals),
+            calibration_table("calibration", "Calibration error of the intervals", self.intervals),
+            unlikeness_table("unlike", "Images unlike those learned from", self.unlike),
+        )
 
     @property
     def tables(self) -> tuple[Table, ...]:
-        """Each contact, largest forces, degraded images."""
-        scores = self.cases[CLEAN]
-        return (
-            contact_table("contacts", "Each contact", scores),
-            largest_table("largest_forces", "Largest forces", scores),
-            robustness_table("robustness", "Mean ± SD over C1…C7 on degraded images", self.cases),
+        """All of them."""
+        return (*self.accuracy, *self.trust)
+
+    def _shifts(self) -> Table:
+        """Whether intervals hold on degraded images, and how many of these are trusted."""
+        columns = (
+            Column("images"),
+            Column("mean", "%", "inside", 1),
+            Column("lowest contact", "%", "inside", 1),
+            Column("flagged as unlike", "%", digits=1),
         )
+        rows: list[tuple[Cell, ...]] = []
+        for name, reading in self.readings.items():
+            ends = {USUAL: (reading.low, reading.high)}
+            inside = 100 * evaluate_intervals(self.true, reading.forces, ends).at(USUAL)
+            flagged = 100 * float(np.mean(reading.unlike > 1))
+            rows.append((name.replace("-", ", "), float(inside.mean()), float(inside.min()), flagged))
+        note = f"Intervals that promise {100 * USUAL:g} % on clean images, over C1…C7."
+        return Table("shifts", "Intervals and trust on degraded images", columns, tuple(rows), note)
 
 
 def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
-    """Judge a network on a dataset, clean and on degraded images, with a progress bar.
+    """Judge a network on a dataset, clean, degraded and unlike, with a progress bar.
 
-    seed   of the noise
+    seed   of the noise, and of what is unlike
     """
+
+    def unlike(others: Images) -> Float32[np.ndarray, " frames"]:
+        return estimator.read(others).unlike
+
     index, meaning = test_part(estimator.card, data)
     images, true = data.frames.images[index], data.frames.forces[index]
-    with _counted(estimator.estimate, len(index)) as estimate:
-        cases = evaluate_robustness(estimate, images, true, seed)
-        return Evaluation(f"{len(index)} frames: {meaning}", true, estimate(images), cases)
+    with _counted(estimator.read, (len(CORRUPTIONS) + len(LEVELS)) * len(index)) as read:
+        clean = {level: read(images, level) for level in LEVELS}
+        usual = clean[USUAL]
+        ends = {level: (reading.low, reading.high) for level, reading in clean.items()}
+        degraded = {name: read(corrupt(images, name, seed), USUAL) for name in CORRUPTIONS}
+        return Evaluation(
+            frames=f"{len(index)} frames: {meaning}",
+            true=true,
+            loading=data.frames.loading[index],
+            readings={CLEAN: usual, **degraded},
+            intervals=evaluate_intervals(true, usual.forces, ends),
+            unlike=evaluate_unlikeness(unlike, images, usual.unlike, seed),
+            baselines=_baselines(estimator, data) if len(index) < len(data.frames) else {},
+        )
 
 
 def write_evaluation(found: Evaluation, about: dict[str, str | int], estimator: OnnxEstimator, folder: Path):
@@ -73,12 +165,17 @@ def write_evaluation(found: Evaluation, about: dict[str, str | int], estimator: 
         (figures.predicted_against_true(true, estimated), "Estimated over true force."),
         (figures.rainclouds(true, estimated), "Distribution of true and estimated forces."),
         (figures.robustness_bars(found.cases), "Errors on degraded images beside the paper's."),
+        (
+            figures.reliability(found.intervals),
+            "Share of true forces inside the intervals over that promised.",
+        ),
     )
     report = Report(
         title="Evaluation of a force estimator",
         summary=f"{about['model']} on {about['data']}, {found.frames}.",
         sections=(
-            Section("Scores", found.tables),
+            Section("Accuracy", found.accuracy),
+            Section("Trust", found.trust),
             Section("Figures", tuple(Picture(figure, caption, caption) for figure, caption in pictures)),
         ),
         footer=f"exosight {estimator.card.exosight_version}; noise seed {about['seed']}",
@@ -90,15 +187,24 @@ def write_evaluation(found: Evaluation, about: dict[str, str | int], estimator: 
     write_new_file(folder / "forces.csv", _to_csv(true, estimated).encode())
 
 
+def _baselines(estimator: OnnxEstimator, data: Data) -> dict[str, Scores]:
+    """On the split that the network learned from, which its card names."""
+    told = estimator.card.data
+    split = make_split(
+        data.frames, str(told["protocol"]), int(told["split_seed"]), str(told["held_out"]) or None
+    )
+    return evaluate_baselines(data.frames, split, data.manifest)
+
+
 @contextmanager
-def _counted(estimate: Estimate, frames: int) -> Iterator[Estimate]:
-    """The estimator with a bar that counts the images of all cases and the clean ones once more."""
-    total, done = (len(CORRUPTIONS) + 2) * frames, 0
+def _counted(read: Read, total: int) -> Iterator[Read]:
+    """The estimator with a bar that counts images."""
+    done = 0
     with progress("judging", "images") as update:
 
-        def counted(images: UInt8[np.ndarray, "frames height width"]) -> Float32[np.ndarray, "frames 7"]:
+        def counted(images: Images, level: float) -> Reading:
             nonlocal done
-            answer = estimate(images)
+            answer = read(images, level)
             done += len(images)
             update(done, total)
             return answer

@@ -18,6 +18,7 @@ from exosight.evaluation.details import Detail, detail_table, evaluate_details
 from exosight.evaluation.metrics import CONTACTS, ContactMetrics, Scores, Spread, score
 from exosight.evaluation.robustness import evaluate_robustness
 from exosight.evaluation.tables import (
+    Cell,
     Column,
     Table,
     contact_table,
@@ -29,6 +30,7 @@ from exosight.evaluation.unlikeness import Unlikeness, auroc, evaluate_unlikenes
 
 __all__ = [
     "CONTACTS",
+    "Cell",
     "Column",
     "ContactMetrics",
     "Coverage",

@@ -15,10 +15,11 @@ def evaluate(
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """Judge a network: RMSE, RMS% of range and Pearson r of each contact, clean and on degraded images.
+    """Judge a network: how near its forces are, whether its intervals hold, whether it knows what to doubt.
 
-    On the dataset that the network learned from, only the test part of its split counts; on any other, all
-    frames do. The paper's values stand beside.
+    On the dataset that the network learned from, only the test part of its split counts, and what can be told
+    without a picture stands beside; on any other, all frames do. Images are taken clean, with the paper's
+    noise and contrast, and unlike all that was learned from. The paper's values stand beside.
 
     Example:
       exosight evaluate --model results/light/model.onnx --data results/data
@@ -28,7 +29,7 @@ def evaluate(
         data: folder of a dataset
         out: folder for tables and estimates (CSV, JSON), figures (HTML page) and configuration; it must not
             exist
-        seed: seed of the noise
+        seed: seed of the noise, and of what is unlike
         json: write the scores as JSON to a new file, or to stdout with "-", instead of tables
     """
     check_json_target(json)
