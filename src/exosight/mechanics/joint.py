@@ -90,7 +90,8 @@ class Joint(eqx.Module):
                 f"{name} limits: expected lower < upper, one pair or {self.dofs} of them, got {limits}"
             )
         ranges = np.broadcast_to(ranges, (self.dofs, 2))
-        if np.any(np.isfinite(ranges).any(axis=1) & (np.asarray(self.limit_stiffness) == 0)):
+        held = np.broadcast_to(np.asarray(limit_stiffness, dtype=float), self.dofs) > 0
+        if np.any(np.isfinite(ranges).any(axis=1) & ~held):
             raise InputError(
                 f"{name} limits: a range without limit_stiffness holds nothing back; give it above 0 N m/rad "
                 "or N/m"
