@@ -1,25 +1,36 @@
 """Force control: the loop between a plant and an estimator.
 
 plant       what a controller can actuate and look at
-simulated   that plant as a simulation (its module alone needs JAX: `exosight.control.simulated`)
+simulated   that plant as a simulation (needs JAX: `exosight.control.simulated`)
 estimator   contact forces from images
 laws        from target and measured force to the next actuation
 loop        measure, ask the law, actuate, step after step
+scheduled   a law that knows the force paths of its exosuit, with limits on actuation and on every contact
+tuning      those paths from a simulation (needs JAX: `exosight.control.tuning`)
+guard       what may be trusted, and what to do when it may not: normal, slow, hold, release
+guarded     the loop with that law and guard in it
 responses   settling, overshoot, steady-state error
 trials      the paper's three constant targets and three step responses
 """
 
 from exosight.control.estimator import Estimator, OnnxEstimator
+from exosight.control.guard import GuardConfig, Guarded, Sight, State, Transition
+from exosight.control.guarded import Sense, run_guarded, sight_from, true_sight
 from exosight.control.laws import Law, Proportional
 from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_force
 from exosight.control.plant import Observation, Plant
 from exosight.control.responses import Response, judge_response
+from exosight.control.scheduled import ControllerConfig, ForcePath, Scheduled
 from exosight.control.trials import CONTROL_SHAPE, ControllerStudy, Trial, study
 
 __all__ = [
     "CONTROL_SHAPE",
+    "ControllerConfig",
     "ControllerStudy",
     "Estimator",
+    "ForcePath",
+    "GuardConfig",
+    "Guarded",
     "Law",
     "Measure",
     "Observation",
@@ -28,12 +39,20 @@ __all__ = [
     "Proportional",
     "Record",
     "Response",
+    "Scheduled",
+    "Sense",
+    "Sight",
+    "State",
+    "Transition",
     "Trial",
     "from_image",
     "hold",
     "hold_and_release",
     "judge_response",
     "run",
+    "run_guarded",
+    "sight_from",
     "study",
     "true_force",
+    "true_sight",
 ]

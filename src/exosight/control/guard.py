@@ -1,0 +1,254 @@
+"""What a controller may trust, and what it does when it may not: a state machine between camera and actuator.
+
+    state     u                                       left when
+    NORMAL    as the law asks                         in doubt → SLOW; 2 bad frames in a row → HOLD
+    SLOW      unloads as asked, loads at a quarter    5 sure frames in a row → NORMAL; 2 bad → HOLD
+              of the law's step
+    HOLD      stays                                   5 good frames in a row → SLOW; a bad frame after 5 steps
+                                                      → RELEASE
+    RELEASE   → 0 at the full rate, blindly           at u = 0, after 5 good frames in a row → SLOW
+
+From every other state a contact beyond its limit by a quarter leads to RELEASE, and so does a bad frame while
+the target is 0 N. Good frames are counted from the moment the state is entered. The numbers are those of
+`GuardConfig`.
+"""
+
+from collections import deque
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass as configuration
+
+from exosight.control.estimator import Reading
+from exosight.control.scheduled import RELEASED, ControllerConfig, Scheduled, limited
+from exosight.errors import InputError
+
+_LARGEST = 50.0  # [N]: no estimate of one contact is beyond it
+_HISTORY = 64  # actuations remembered, for pictures that come late
+
+Count = Annotated[int, Field(ge=1, le=1000)]
+
+
+class State(Enum):
+    """What the guard lets the controller do."""
+
+    NORMAL = "normal"
+    SLOW = "slow"
+    HOLD = "hold"
+    RELEASE = "release"
+
+
+@configuration(frozen=True, config=ConfigDict(extra="forbid"))
+class GuardConfig:
+    """When a frame is bad, when it is doubtful, and how long each state lasts."""
+
+    doubtful_unlike: Annotated[float, Field(gt=0, le=1)] = 0.8
+    """unlike-image score from which on an estimate is doubtful; above 1 the frame is bad [-]"""
+    doubtful_width: Annotated[float, Field(gt=0)] = 0.3
+    """width of the intervals of C1…C7, summed up, from which on an estimate is doubtful [N]"""
+    oldest: Annotated[float, Field(gt=0)] = 0.5
+    """age above which a frame is stale [s]"""
+    least_contrast: Annotated[int, Field(ge=1, le=255)] = 10
+    """brightest − darkest gray value below which a frame is black or blank"""
+    frozen_move: Annotated[float, Field(gt=0)] = 0.1
+    """change of u under which a frame that stays the same, bit by bit, is frozen [N]"""
+    frozen_frames: Annotated[int, Field(ge=0, le=1000)] = 0
+    """same frames in a row that are frozen whatever u does; 0 for a camera without noise"""
+    astray: Annotated[float, Field(gt=0)] = 0.1
+    """difference of the plant's u from the one asked for, from which on it does not follow [N]"""
+    overload: Annotated[float, Field(ge=1)] = 1.25
+    """share of its limit above which the force on a contact is too large"""
+    bad_frames: Count = 2
+    """bad frames in a row that lead to HOLD; u stays at the first already"""
+    hold_steps: Count = 5
+    """steps in HOLD after which a bad frame leads to RELEASE"""
+    good_frames: Count = 5
+    """good frames in a row that lead out of HOLD, RELEASE and SLOW"""
+    limit_steps: Count = 20
+    """steps in a row at the largest u and yet below the target that are doubtful"""
+    slow: Annotated[float, Field(gt=0, le=1)] = 0.25
+    """share of the law's step that SLOW lets load"""
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """What is known of the plant in one step; all of it may be missing or wrong.
+
+    image    (height, width)  gray 0…255; None: no frame came
+    reading  what the estimator read off it, one row; None: it answered nothing
+    age      of the frame [s]
+    u        actuation that the plant reports with the frame [N]; None: it reports none
+    """
+
+    image: UInt8[np.ndarray, "height width"] | None = None
+    reading: Reading | None = None
+    age: float = 0.0
+    u: float | None = None
+
+
+@dataclass(frozen=True)
+class Transition:
+    """One change of state, and why.
+
+    step  of the loop, from 1
+    """
+
+    step: int
+    before: State
+    after: State
+    cause: str
+
+
+@dataclass
+class Guarded:
+    """A law behind its guard: `step` answers any sight with an actuation within amplitude and rate limits.
+
+    law     what drives while all is well
+    guard   what is trusted
+    log     every change of state since the reset
+    """
+
+    law: Scheduled
+    guard: GuardConfig = field(default_factory=GuardConfig)
+    state: State = field(init=False, default=State.NORMAL)
+    log: list[Transition] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.reset()
+
+    @property
+    def config(self) -> ControllerConfig:
+        """Limits and paths."""
+        return self.law.config
+
+    @property
+    def release_time(self) -> float:
+        """Longest time from RELEASE to u = 0 [s]."""
+        steps = np.ceil(max(self.config.u_max, -self.config.u_min) / self.config.step)
+        return float(steps) * self.config.period
+
+    def reset(self) -> None:
+        """Forget everything: the plant stands at u = 0."""
+        self.law.reset()
+        self.state, self.log = State.NORMAL, []
+        self._steps = self._bad = self._good = self._sure = self._inside = self._at_limit = self._same = 0
+        self._past: deque[float] = deque([0.0], maxlen=_HISTORY)
+        self._frame: np.ndarray | None = None
+        self._frame_u = 0.0
+
+    def step(self, target: float | Float[np.ndarray, "7"], sight: Sight) -> float:
+        """The actuation of the coming step [N].
+
+        target    F_t [N], or one for each of C1…C7
+
+        Raises InputError if the target is no finite number.
+        """
+        if not np.isfinite(target).all():
+            raise InputError(f"target force: expected finite newtons, got {target}")
+        self._steps += 1
+        self._inside += 1
+        fault = self._fault(sight)
+        forces = None if fault or sight.reading is None else sight.reading.forces[0].astype(float)
+        doubt = fault or self._doubt(sight, float(np.sum(target)), forces)
+        self._bad = self._bad + 1 if fault else 0
+        self._good = 0 if fault else self._good + 1
+        self._sure = 0 if doubt else self._sure + 1
+        self._change(float(np.sum(target)) < RELEASED, fault, doubt, forces)
+        u = self._past[-1]
+        if self.state is State.RELEASE:
+            wanted = 0.0
+        elif self.state is State.HOLD or forces is None:
+            wanted = u
+        else:
+            at = self._then(sight.age) if sight.u is None else sight.u
+            wanted = self.law.next(target, float(forces.sum()), forces, at)
+            if self.state is State.SLOW and wanted > max(u, 0.0):
+                wanted = u + self.guard.slow * (wanted - u)
+        # Said once more: whatever happens above, this is all that the plant is ever given.
+        u = limited(self.config, u, wanted)
+        self.law.track(u)
+        self._past.append(u)
+        return u
+
+    def _then(self, age: float) -> float:
+        """The actuation of so long ago [N]."""
+        back = min(round(age / self.config.period), len(self._past) - 1)
+        return self._past[-1 - back]
+
+    def _fault(self, sight: Sight) -> str:
+        """Why this frame must not be acted on; empty if it may."""
+        guard, image, reading = self.guard, sight.image, sight.reading
+        if image is None or image.size == 0:
+            return "no frame"
+        if not 0 <= sight.age <= guard.oldest:
+            return f"a stale frame, {sight.age:.2f} s old"
+        if int(image.max()) - int(image.min()) < guard.least_contrast:
+            return "a black or blank frame"
+        if self._is_frozen(image, self._then(sight.age)):
+            return "a frozen frame, the same bit by bit"
+        if sight.u is not None and not abs(sight.u - self._then(sight.age)) <= guard.astray:
+            return f"the plant stands at u = {sight.u:.2f} N, not where it was told to"
+        if reading is None:
+            return "no estimate"
+        rows = np.concatenate([reading.forces, reading.low, reading.high])
+        if rows.shape != (3, 7) or reading.unlike.shape != (1,):
+            return "an estimate of another shape"
+        # NaN fails in each of these.
+        if not (np.abs(rows) <= _LARGEST).all() or not (rows[1] <= rows[2]).all():
+            return "an estimate that is no force"
+        if not reading.unlike[0] <= 1:
+            return f"an image unlike those learned from, score {reading.unlike[0]:.2f}"
+        return ""
+
+    def _is_frozen(self, image: np.ndarray, then: float) -> bool:
+        """Whether the picture is the last one again although u was another when it was taken."""
+        if self._frame is None or self._frame.shape != image.shape or (self._frame != image).any():
+            self._frame, self._frame_u, self._same = image.copy(), then, 0
+            return False
+        self._same += 1
+        moved = abs(then - self._frame_u) >= self.guard.frozen_move
+        return moved or 0 < self.guard.frozen_frames <= self._same
+
+    def _doubt(self, sight: Sight, target: float, forces: np.ndarray | None) -> str:
+        """Why this frame is acted on with care only; empty if it is trusted."""
+        if forces is None or sight.reading is None:
+            return "no estimate"
+        short = forces.sum() < target and self._past[-1] >= self.config.u_max
+        self._at_limit = self._at_limit + 1 if short else 0
+        width = float((sight.reading.high - sight.reading.low).sum())
+        unlike = float(sight.reading.unlike[0])
+        if width >= self.guard.doubtful_width:
+            return f"an estimate that may be {width:.2f} N off"
+        if unlike >= self.guard.doubtful_unlike:
+            return f"an image rather unlike those learned from, score {unlike:.2f}"
+        if self._at_limit >= self.guard.limit_steps:
+            return f"the target is not reached at the largest u, {self.config.u_max:.2f} N"
+        return ""
+
+    def _change(self, releasing: bool, fault: str, doubt: str, forces: np.ndarray | None) -> None:
+        guard, state, at_rest = self.guard, self.state, self._past[-1] == 0
+        if state is not State.RELEASE:
+            if forces is not None and (forces > guard.overload * self.config.contact_limit).any():
+                worst = int((forces / self.config.contact_limit).argmax())
+                return self._go(State.RELEASE, f"C{worst + 1} presses with {forces[worst]:.2f} N")
+            if fault and releasing and not at_rest:
+                return self._go(State.RELEASE, f"{fault}, and a target of 0 N")
+        if state in (State.NORMAL, State.SLOW):
+            if self._bad >= guard.bad_frames:
+                self._go(State.HOLD, fault)
+            elif state is State.NORMAL and doubt and not fault:
+                self._go(State.SLOW, doubt)
+            elif state is State.SLOW and self._sure >= guard.good_frames:
+                self._go(State.NORMAL, f"{self._sure} sure frames in a row")
+        elif state is State.HOLD and fault and self._inside > guard.hold_steps:
+            self._go(State.RELEASE, f"{fault}, after {self._inside - 1} steps of holding")
+        elif self._good >= guard.good_frames and (state is State.HOLD or at_rest):
+            self._go(State.SLOW, f"{self._good} good frames in a row")
+
+    def _go(self, state: State, cause: str) -> None:
+        self.log.append(Transition(self._steps, self.state, state, cause))
+        self.state, self._bad, self._good, self._sure, self._inside = state, 0, 0, 0, 0

@@ -1,0 +1,68 @@
+"""The loop with a guard in it, and the eyes that it needs."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from exosight.control.estimator import OnnxEstimator, Reading
+from exosight.control.guard import Guarded, Sight
+from exosight.control.loop import Record, run
+from exosight.control.plant import Observation, Plant
+from exosight.errors import DataError
+
+Sense = Callable[[Observation], Sight]
+"""What the guard is shown of an observation; wrap it to delay, drop or spoil frames."""
+
+
+def sight_from(estimator: OnnxEstimator) -> Sense:
+    """Picture, estimate, interval and score; a network that answers no number has answered nothing."""
+
+    def sense(observation: Observation) -> Sight:
+        try:
+            reading = estimator.read(observation.image[None])
+        except DataError:
+            reading = None
+        return Sight(observation.image, reading, u=observation.u)
+
+    return sense
+
+
+def true_sight(observation: Observation) -> Sight:
+    """The picture with the forces that the simulation knows: a perfect estimator, sure of itself."""
+    forces = observation.forces[None, 1:].astype(np.float32)
+    pressing = (forces > 0).astype(np.float32)
+    return Sight(
+        observation.image, Reading(forces, forces, forces, pressing, np.zeros(1, np.float32)), u=observation.u
+    )
+
+
+def run_guarded(plant: Plant, guarded: Guarded, sense: Sense, target: Float[np.ndarray, " steps"]) -> Record:
+    """Reset plant and controller, then follow the target, as `run` does; `guarded.log` tells what happened.
+
+    F_net_estimated of the record is NaN where no estimate came.
+
+    target   (steps,)  F_t of each step [N]; that of row 0 is on record but not acted on
+
+    Raises InputError for a target that is empty or not finite.
+    """
+    driver = _Driver(guarded, sense)
+    return run(plant, driver, driver.measure, target, rate=1 / guarded.config.period)
+
+
+class _Driver:
+    """A guarded controller as law and measurement of `run`: each sight is acted on once."""
+
+    def __init__(self, guarded: Guarded, sense: Sense) -> None:
+        self._guarded, self._sense, self._sight = guarded, sense, Sight()
+
+    def reset(self) -> None:
+        self._guarded.reset()
+
+    def measure(self, observation: Observation) -> float:
+        self._sight = self._sense(observation)
+        reading = self._sight.reading
+        return float("nan") if reading is None else float(reading.forces.sum())
+
+    def next(self, target: float, measured: float) -> float:
+        return self._guarded.step(target, self._sight)

@@ -1,0 +1,310 @@
+"""The guard: which frames it trusts, what it lets pass, and what nothing can make it do."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exosight.control import ControllerConfig, ForcePath, GuardConfig, Guarded, Scheduled, Sight, State
+from exosight.control.estimator import Reading
+from exosight.errors import InputError
+
+SLOPE = 0.1  # ∂F/∂u of C3 [N/N]
+TARGET = 0.3  # [N]
+ROUND_OFF = 1e-12  # of sums of numbers up to 5 N
+FORCE_LIMIT = 0.4  # [N]
+
+unhurried = settings(deadline=None, max_examples=60)  # a busy machine is no failure
+
+
+def straight(u: np.ndarray) -> ForcePath:
+    forces = np.zeros((len(u), 7))
+    forces[:, 2] = SLOPE * np.maximum(u, 0.0)
+    return ForcePath(u, forces, np.zeros(len(u), bool))
+
+
+CONFIG = ControllerConfig(
+    loading=straight(np.linspace(0.0, 5.0, 51)),
+    unloading=straight(np.linspace(5.0, -1.0, 61)),
+    contact_limit=np.full(7, FORCE_LIMIT),
+    rate=10.0,
+    period=0.1,
+    smallest_gain=5.0,
+    largest_gain=20.0,
+)
+
+
+def reading(force: float, width: float = 0.01, unlike: float = 0.3) -> Reading:
+    forces = np.zeros((1, 7), np.float32)
+    forces[0, 2] = force
+    half = np.float32(width / 14)  # seven intervals
+    return Reading(
+        forces, forces - half, forces + half, np.zeros((1, 7), np.float32), np.array([unlike], np.float32)
+    )
+
+
+def picture(brightness: int) -> np.ndarray:
+    image = np.zeros((4, 6), np.uint8)
+    image[1, brightness % 6] = 100 + brightness % 100
+    return image
+
+
+class Bench:
+    """A guarded controller on the plant F₃ = 0.1 u, shown good frames or what a test makes of them."""
+
+    def __init__(self, **guard):
+        self.guarded = Guarded(Scheduled(CONFIG), GuardConfig(**guard))
+        self.u, self.frames = 0.0, itertools.count()
+
+    def good(self, **changes) -> Sight:
+        sight = {"image": picture(next(self.frames)), "reading": reading(SLOPE * max(self.u, 0.0))}
+        return Sight(**{**sight, **changes})
+
+    def step(self, sight: Sight | None = None, target: float = TARGET) -> float:
+        self.u = self.guarded.step(target, self.good() if sight is None else sight)
+        return self.u
+
+    @property
+    def state(self) -> State:
+        return self.guarded.state
+
+    def settle(self) -> "Bench":
+        for _ in range(12):
+            self.step()
+        assert self.state is State.NORMAL
+        assert self.u == pytest.approx(TARGET / SLOPE)
+        return self
+
+
+def test_with_good_frames_it_does_what_the_law_does():
+    bench, law, force = Bench(), Scheduled(CONFIG), 0.0
+    for _ in range(10):
+        expected = law.next(TARGET, float(np.float32(force)), np.eye(7)[2] * float(np.float32(force)))
+        assert bench.step() == pytest.approx(expected, abs=ROUND_OFF)
+        force = SLOPE * expected
+    assert bench.guarded.log == []
+
+
+BAD = {
+    "no frame": lambda bench: Sight(),
+    "stale": lambda bench: bench.good(age=0.6),
+    "black": lambda bench: bench.good(image=np.zeros((4, 6), np.uint8)),
+    "blank": lambda bench: bench.good(image=np.full((4, 6), 200, np.uint8)),
+    "no estimate": lambda bench: bench.good(reading=None),
+    "no force": lambda bench: bench.good(reading=reading(math.nan)),
+    "that is no force": lambda bench: bench.good(reading=reading(math.inf)),
+    "an estimate that is no": lambda bench: bench.good(reading=reading(-1e30)),
+    "unlike those learned from": lambda bench: bench.good(reading=reading(0.3, unlike=1.2)),
+    "score nan": lambda bench: bench.good(reading=reading(0.3, unlike=math.nan)),
+    "not where it was told": lambda bench: bench.good(u=bench.u - 0.5),
+    "u = nan": lambda bench: bench.good(u=math.nan),
+}
+
+
+@pytest.mark.parametrize("cause", BAD)
+def test_bad_frames_hold_then_release_and_say_why(cause):
+    bench = Bench().settle()
+    held = bench.u
+    assert bench.step(BAD[cause](bench)) == held  # the first: u stays, the state too
+    assert bench.state is State.NORMAL
+    assert bench.step(BAD[cause](bench)) == held
+    assert bench.state is State.HOLD
+    assert cause in bench.guarded.log[-1].cause
+    for _ in range(5):
+        assert bench.step(BAD[cause](bench)) == held
+    before = bench.u
+    bench.step(BAD[cause](bench))
+    assert bench.state is State.RELEASE
+    assert bench.u == pytest.approx(before - CONFIG.step)
+    for _ in range(3):
+        bench.step(BAD[cause](bench))
+    assert bench.u == 0.0
+    assert [entry.after for entry in bench.guarded.log] == [State.HOLD, State.RELEASE]
+
+
+def test_one_lost_frame_costs_one_step():
+    bench = Bench().settle()
+    bench.step(Sight())
+    bench.step()
+    assert bench.guarded.log == []
+
+
+def test_a_frame_that_stays_the_same_is_frozen_once_u_has_moved():
+    bench, still = Bench(), picture(7)
+    bench.step(bench.good(image=still))  # taken at u = 0
+    for _ in range(2):
+        bench.step(bench.good(image=still))  # taken, so it says, at 1 N and at 2 N
+    assert bench.state is State.HOLD
+    assert "frozen" in bench.guarded.log[-1].cause
+
+
+def test_a_frame_that_stays_the_same_at_rest_is_frozen_only_for_a_camera_with_noise():
+    for frames, state in ((0, State.NORMAL), (5, State.HOLD)):
+        bench = Bench(frozen_frames=frames).settle()
+        still = picture(7)
+        for _ in range(7):
+            bench.step(bench.good(image=still))
+        assert bench.state is state
+
+
+def test_late_pictures_are_compared_with_the_u_under_which_they_were_taken():
+    bench, seen = Bench(), []
+    for _ in range(30):
+        seen.append(bench.good(u=bench.u))
+        late = seen[max(0, len(seen) - 4)]
+        age = 0.1 * min(len(seen) - 1, 3)
+        bench.step(Sight(late.image, late.reading, age, late.u))
+    assert bench.guarded.log == []
+    assert bench.u == pytest.approx(TARGET / SLOPE, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "cause"), [({"width": 0.5}, "may be 0.50 N off"), ({"unlike": 0.9}, "rather unlike")]
+)
+def test_in_doubt_it_loads_slowly_and_unloads_at_once(changes, cause):
+    bench = Bench()
+    bench.step(bench.good(reading=reading(0.0, **changes)))
+    assert bench.state is State.SLOW
+    assert cause in bench.guarded.log[-1].cause
+    assert bench.u == pytest.approx(0.25 * CONFIG.step)
+    bench = Bench().settle()
+    bench.step(bench.good(reading=reading(TARGET, **changes)), target=0.0)
+    assert bench.state is State.SLOW
+    assert bench.u == pytest.approx(TARGET / SLOPE - CONFIG.step)
+
+
+def test_a_target_out_of_reach_at_the_largest_u_is_doubted():
+    bench = Bench()
+    for _ in range(40):
+        bench.step(bench.good(reading=reading(0.1)))
+    assert bench.u == CONFIG.u_max
+    assert bench.state is State.SLOW
+    assert "largest u" in bench.guarded.log[-1].cause
+
+
+def test_a_contact_far_beyond_its_limit_releases_at_once():
+    bench = Bench().settle()
+    before = bench.u
+    bench.step(bench.good(reading=reading(1.3 * FORCE_LIMIT)))
+    assert bench.state is State.RELEASE
+    assert "C3 presses with 0.52 N" in bench.guarded.log[-1].cause
+    assert bench.u == pytest.approx(before - CONFIG.step)
+
+
+def test_without_eyes_a_target_of_zero_releases_at_once():
+    bench = Bench().settle()
+    bench.step(Sight(), target=0.0)
+    assert bench.state is State.RELEASE
+    for _ in range(round(bench.guarded.release_time / CONFIG.period)):
+        bench.step(Sight(), target=0.0)
+    assert bench.u == 0.0
+
+
+def test_good_frames_lead_back_from_release_to_the_target():
+    bench = Bench().settle()
+    for _ in range(12):
+        bench.step(Sight())
+    assert (bench.state, bench.u) == (State.RELEASE, 0.0)
+    for _ in range(40):
+        bench.step()
+    assert [entry.after for entry in bench.guarded.log] == [
+        State.HOLD,
+        State.RELEASE,
+        State.SLOW,
+        State.NORMAL,
+    ]
+    assert bench.u == pytest.approx(TARGET / SLOPE, rel=1e-3)
+
+
+anything = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True, width=32), st.floats(0, 0.5, width=32), st.just(0.25)
+)
+
+
+@st.composite
+def sights(draw) -> Sight:
+    """Anything at all, though often something that looks good."""
+    image = draw(st.sampled_from([None, *(picture(k) for k in range(4)), np.zeros((4, 6), np.uint8)]))
+    if draw(st.booleans()):
+        answer = reading(draw(st.floats(0, 0.6)))
+    elif draw(st.booleans()):
+        answer = None
+    else:
+        rows = [np.array([draw(st.lists(anything, min_size=7, max_size=7))], np.float32) for _ in range(3)]
+        answer = Reading(*rows, np.zeros((1, 7), np.float32), np.array([draw(anything)], np.float32))
+    age = draw(st.one_of(st.just(0.0), st.floats(allow_nan=True, allow_infinity=True)))
+    u = draw(st.one_of(st.none(), st.floats(allow_nan=True, allow_infinity=True)))
+    return Sight(image, answer, age, u)
+
+
+targets = st.one_of(st.just(TARGET), st.just(0.0), st.floats(allow_nan=False, allow_infinity=False))
+LEGAL = {
+    (State.NORMAL, State.SLOW),
+    (State.NORMAL, State.HOLD),
+    (State.NORMAL, State.RELEASE),
+    (State.SLOW, State.NORMAL),
+    (State.SLOW, State.HOLD),
+    (State.SLOW, State.RELEASE),
+    (State.HOLD, State.SLOW),
+    (State.HOLD, State.RELEASE),
+    (State.RELEASE, State.SLOW),
+}
+
+
+@unhurried
+@given(st.lists(st.tuples(targets, sights()), max_size=40))
+def test_nothing_seen_makes_it_leave_its_limits_or_its_states_without_cause(steps):
+    guarded, before, state = Guarded(Scheduled(CONFIG)), 0.0, State.NORMAL
+    released_for = good = 0
+    for target, sight in steps:
+        u = guarded.step(target, sight)
+        assert CONFIG.u_min <= u <= CONFIG.u_max  # false for NaN too
+        assert abs(u - before) <= CONFIG.step + ROUND_OFF
+        # As the guard itself judges, from the outside: a frame without image or numbers is never good.
+        seen = (
+            sight.image is not None and sight.reading is not None and np.isfinite(sight.reading.forces).all()
+        )
+        if guarded.state is not state:
+            entry = guarded.log[-1]
+            assert (entry.before, entry.after) == (state, guarded.state)
+            assert (state, guarded.state) in LEGAL
+            assert entry.cause
+            if state in (State.HOLD, State.RELEASE) and guarded.state is State.SLOW:
+                assert good + seen >= guarded.guard.good_frames
+                assert state is State.HOLD or before == 0.0
+            good = released_for = 0
+        else:
+            good = good + 1 if seen else 0
+        if guarded.state is State.HOLD:
+            assert u == before
+        if guarded.state is State.RELEASE:
+            released_for += 1
+            assert abs(u) <= abs(before)
+            assert u == 0.0 or released_for * CONFIG.period < guarded.release_time + 1e-9
+        before, state = u, guarded.state
+
+
+@unhurried
+@given(st.lists(st.tuples(targets, sights()), max_size=30))
+def test_blinded_for_good_it_ends_at_no_actuation_in_a_stated_time(steps):
+    guarded = Guarded(Scheduled(CONFIG))
+    for target, sight in steps:
+        guarded.step(target, sight)
+    guard = guarded.guard
+    blind = guard.bad_frames + guard.hold_steps + 1 + round(guarded.release_time / CONFIG.period)
+    for _ in range(blind):
+        last = guarded.step(TARGET, Sight())
+    assert last == 0.0
+
+
+def test_reset_forgets_and_a_target_that_is_no_number_is_refused():
+    bench = Bench().settle()
+    bench.step(Sight())
+    bench.step(Sight())
+    bench.guarded.reset()
+    assert (bench.state, bench.guarded.log, bench.guarded.law.u) == (State.NORMAL, [], 0.0)
+    with pytest.raises(InputError, match="target force"):
+        bench.step(target=math.nan)
