@@ -5,7 +5,8 @@ simulated   that plant as a simulation (needs JAX: `exosight.control.simulated`)
 estimator   contact forces from images
 laws        from target and measured force to the next actuation
 loop        measure, ask the law, actuate, step after step
-scheduled   a law that knows the force paths of its exosuit, with limits on actuation and on every contact
+paths       what a controller knows of its exosuit: force paths up and down, limits
+scheduled   a law with the gains of those paths, and limits on actuation and on every contact
 tuning      those paths from a simulation (needs JAX: `exosight.control.tuning`)
 guard       what may be trusted, and what to do when it may not: normal, slow, hold, release
 guarded     the loop with that law and guard in it
@@ -18,9 +19,10 @@ from exosight.control.guard import GuardConfig, Guarded, Sight, State, Transitio
 from exosight.control.guarded import Sense, run_guarded, sight_from, true_sight
 from exosight.control.laws import Law, Proportional
 from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_force
+from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import Observation, Plant
 from exosight.control.responses import Response, judge_response
-from exosight.control.scheduled import ControllerConfig, ForcePath, Scheduled
+from exosight.control.scheduled import Scheduled
 from exosight.control.trials import CONTROL_SHAPE, ControllerStudy, Trial, study
 
 __all__ = [

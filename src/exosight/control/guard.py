@@ -24,7 +24,8 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as configuration
 
 from exosight.control.estimator import Reading
-from exosight.control.scheduled import RELEASED, ControllerConfig, Scheduled, limited
+from exosight.control.paths import ControllerConfig, limited
+from exosight.control.scheduled import RELEASED, Scheduled
 from exosight.errors import InputError
 
 _LARGEST = 50.0  # [N]: no estimate of one contact is beyond it

@@ -13,8 +13,9 @@ import math
 import numpy as np
 
 from exosight.control.loop import RATE
+from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import ACTUATION_LIMIT
-from exosight.control.scheduled import RELEASED, ControllerConfig, ForcePath
+from exosight.control.scheduled import RELEASED
 from exosight.errors import ConvergenceError, InputError
 from exosight.exosuit.assembly import Exosuit, assemble, observe
 from exosight.mechanics import Equilibria, Robot, follow, stack
