@@ -46,6 +46,8 @@ STEP = 0.05
 """Loads are approached from rest in steps of this [N]."""
 
 _ON_LINK = 8  # outline points on a link of the finger, one every 3 to 6 mm
+OUTLINE = 2 * QUADRATURE.size + 1 + HINGES * _ON_LINK + 1
+"""Outline points: two edges and a tip, one edge and a tip."""
 
 
 @dataclass(frozen=True)
@@ -106,12 +108,18 @@ def sensitivity(exosuit: Exosuit, loads: Float[np.ndarray, " loads"]) -> Sensiti
         raise InputError(f"finger: expected 3 hinges, got {len(exosuit.finger.joint_stiffness)}")
     grid = np.arange(STEP, loads[-1], STEP)
     path = np.union1d(np.round(grid, 9), loads)
-    found = follow([_robot(exosuit, np.zeros(len(PARAMETERS)))], path[:, None])
+    # Assembled outside of compiled code, where bodies are checked as they are made.
+    robot = _robot(exosuit, np.zeros(len(PARAMETERS)))
+    slopes = jax.jacfwd(lambda p: _robot(exosuit, p))(jnp.zeros(len(PARAMETERS)))
+    found = follow([robot], path[:, None])
     at = np.searchsorted(path, loads)
     stable = np.asarray(found.converged[0, at] & (found.min_eigenvalue[0, at] > 10 * SNAP))
-    by, values = _jacobians(exosuit, loads[stable], found.q[0, at][stable])
-    outline, force = (_filled(part, stable) for part in by)
-    return Sensitivity(loads, _filled(values, stable), stable, outline, force)
+    forces = np.full((len(loads), 7), np.nan)
+    outline = np.full((len(loads), OUTLINE, len(PARAMETERS)), np.nan)
+    force = np.full((len(loads), 7, len(PARAMETERS)), np.nan)
+    for k in np.flatnonzero(stable):
+        (outline[k], force[k]), forces[k] = _derivatives(robot, slopes, loads[k], found.q[0, at[k]])
+    return Sensitivity(loads, forces, stable, outline, force)
 
 
 def resolved(
@@ -207,28 +215,18 @@ def _directions(
     return unit, jnp.stack([-unit[:, 1], unit[:, 0]], axis=1)
 
 
-def _jacobians(
-    exosuit: Exosuit, loads: Float[np.ndarray, " loads"], q: Float[AnyArray, "loads dofs"]
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-    """Derivatives of outline and forces by PARAMETERS at each load, and the forces."""
+@jax.jit
+def _derivatives(
+    robot: Robot, slopes: Robot, u: Float[AnyArray, ""], q: Float[AnyArray, " dofs"]
+) -> tuple[tuple[Float[Array, "points parameters"], Float[Array, "7 parameters"]], Float[Array, "7"]]:
+    """Derivatives of outline and forces by PARAMETERS, and the forces.
 
-    # Assembled outside of compiled code, where bodies are checked as they are made.
-    robot = _robot(exosuit, np.zeros(len(PARAMETERS)))
-    slopes = jax.jacfwd(lambda p: _robot(exosuit, p))(jnp.zeros(len(PARAMETERS)))
+    slopes   derivatives of the robot's numbers, along a last axis
+    """
 
-    def measured(p: Array, u: Array, q: Array) -> tuple[tuple[Array, Array], Array]:
+    def measured(p: Array) -> tuple[tuple[Array, Array], Array]:
         own = jax.tree.map(lambda leaf, slope: leaf + slope @ p, robot, slopes)
         outline, forces = _measured(own, differentiable(own, (u + p[0])[None], q))
         return (outline, forces), forces
 
-    def at(case: tuple[Array, Array]) -> tuple[tuple[Array, Array], Array]:
-        return jax.jacfwd(measured, has_aux=True)(jnp.zeros(len(PARAMETERS)), *case)
-
-    by, forces = jax.jit(lambda *cases: jax.lax.map(at, cases))(jnp.asarray(loads), jnp.asarray(q))
-    return (np.asarray(by[0]), np.asarray(by[1])), np.asarray(forces)
-
-
-def _filled(values: np.ndarray, where: Bool[np.ndarray, " loads"]) -> np.ndarray:
-    out = np.full((len(where), *values.shape[1:]), np.nan)
-    out[where] = values
-    return out
+    return jax.jacfwd(measured, has_aux=True)(jnp.zeros(len(PARAMETERS)))

@@ -24,7 +24,7 @@ def identifiability_map(
 
     cases   title → what `exosight.evaluation.identifiability.resolved` found at the loads u [N]
     """
-    figure = new_figure(height=0.5 + 1.75 * len(cases))
+    figure = new_figure(height=0.5 + 1.25 * len(cases))
     panels = figure.subplots(len(cases), 1, sharex=True, squeeze=False)[:, 0]
     colours = matplotlib.colormaps["viridis"].with_extremes(bad=_FREE)
     names = (*CONTACTS, NET_FORCE)
@@ -41,5 +41,13 @@ def identifiability_map(
         ax.set_title(title)
     panels[-1].set_xlabel("actuation u [N]")
     if mesh is not None:
-        figure.colorbar(mesh, ax=panels, label="smallest force resolved [N]", extend="both", pad=0.01)
+        figure.colorbar(
+            mesh,
+            ax=panels,
+            label="smallest force resolved [N]",
+            extend="both",
+            pad=0.01,
+            aspect=40,
+            shrink=0.7,
+        )
     return figure
