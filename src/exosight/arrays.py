@@ -4,6 +4,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax.core import Tracer
 
 AnyArray = jax.Array | np.ndarray
 """An array of JAX or of NumPy: results are read with either, and constructors take either."""
@@ -14,4 +15,4 @@ Number = float | AnyArray
 
 def known(value: Any) -> bool:
     """Whether a number can be looked at: while JAX differentiates or compiles, its value is still open."""
-    return not isinstance(value, jax.core.Tracer)
+    return not isinstance(value, Tracer)
