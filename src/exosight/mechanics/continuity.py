@@ -63,6 +63,9 @@ def find_jumps(
     lanes: int | None,
 ) -> list[Bool[np.ndarray, " loads"]]:
     """For each robot, whether it jumped on the way to each load from its parent."""
+    found = [np.zeros(len(loads), dtype=bool) for _ in robots]
+    if not np.any(source >= 0):
+        return found
     limits = (tolerance, UNDO_ITERATIONS, lanes)
     factors = [np.linalg.cholesky(metric) for _, metric in solved]
     places, doubtful = [], []
@@ -73,6 +76,8 @@ def find_jumps(
         chosen = np.asarray(path.bumps)[to] | (_unlike(steps) > 0)
         places += [(number, load) for load in to[chosen].tolist()]
         doubtful.append(steps.of(chosen))
+    if not places:
+        return found
     steps = _Steps(*(np.concatenate(parts) for parts in zip(*doubtful, strict=True)))
 
     undone, reached, _ = _solve(robots, factors, steps, steps.low, steps.right, limits)
@@ -92,7 +97,6 @@ def find_jumps(
         open_ = fine & (_unlike(steps) > 0)
         going, steps, first = going[open_], steps.of(open_), first[open_]
     jumped[going] |= _length(steps.right - steps.left) > first / 8
-    found = [np.zeros(len(loads), dtype=bool) for _ in robots]
     for (number, load), jump in zip(places, jumped, strict=True):
         found[number][load] = jump
     return found

@@ -16,9 +16,13 @@ from jaxtyping import Bool, Float, Int
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.continuity import find_jumps
-from exosight.mechanics.lanes import Job, run
+from exosight.mechanics.lanes import Job, run, width
 from exosight.mechanics.newton import Path
 from exosight.mechanics.robot import Robot
+
+
+GROUP = 256
+"""Robots solved at a time: the Hessians along a path, by which snaps are told, take half a megabyte each."""
 
 
 @dataclass(frozen=True)
@@ -99,11 +103,15 @@ def follow(
         for robot, q0 in zip(robots, start, strict=True)
     ]
     limits = (options.tolerance, options.max_iterations, options.lanes)
-    solved = run(jobs, *limits, done)
-    jumps = [np.zeros(len(loads), dtype=bool)] * len(robots)
-    if snaps:
-        jumps = find_jumps(robots, solved, loads, source, options.tolerance, options.lanes)
-    results = [_result(*path, snapped) for path, snapped in zip(solved, jumps, strict=True)]
+    groups = -(-len(jobs) // max(GROUP, width(options.lanes)))
+    results = []
+    for numbers in np.array_split(np.arange(len(jobs)), groups):  # of equal sizes: no compilation for a rest
+        group = slice(numbers[0], numbers[-1] + 1)
+        solved = run(jobs[group], *limits, done)
+        jumps = [np.zeros(len(loads), dtype=bool)] * len(solved)
+        if snaps:
+            jumps = find_jumps(robots[group], solved, loads, source, options.tolerance, options.lanes)
+        results += [_result(*path, snapped) for path, snapped in zip(solved, jumps, strict=True)]
     return jax.tree.map(lambda *leaves: np.stack(leaves), *results)
 
 
@@ -117,7 +125,7 @@ def _checked(
     loads = np.asarray(loads, dtype=float)
     if not robots:
         raise InputError("robots: expected at least one, got none")
-    if any(jax.tree.structure(robot) != jax.tree.structure(robots[0]) for robot in robots):
+    if len({jax.tree.structure(robot) for robot in robots}) > 1:
         raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
     if loads.ndim != 2 or not len(loads):
         raise InputError(f"loads: expected shape (loads, channels), at least one load, got {loads.shape}")

@@ -42,6 +42,11 @@ Solved = tuple[Path, Float[np.ndarray, "dofs dofs"]]
 """A path with what was found at each load, and the metric of its robot."""
 
 
+def width(lanes: int | None) -> int:
+    """Lanes side by side: as asked for, or what suits the device."""
+    return lanes or (8 if jax.default_backend() == "cpu" else 2048)
+
+
 def run(
     jobs: Sequence[Job],
     tolerance: float,
@@ -54,7 +59,7 @@ def run(
     done   called with the number of jobs finished, as they finish
     """
     on_cpu = jax.default_backend() == "cpu"
-    lanes = min(lanes or (8 if on_cpu else 2048), _power_of_two(len(jobs)))
+    lanes = min(width(lanes), _power_of_two(len(jobs)))
     advance = _compiled(jax.tree.structure(jobs[0].robot))
     leaves = [[np.asarray(leaf) for leaf in jax.tree.leaves(job.robot)] for job in jobs]
     queue = _Queue(len(jobs))
@@ -77,11 +82,11 @@ def run(
             # While jobs wait, come back as soon as a quarter of the lanes is free for them.
             enough = min(lanes, numbers.count(-1) + max(1, lanes // 4))
             found, metrics = advance(rows, state, tolerance, max_iterations, enough)
-            state = state._replace(path=jax.tree.map(np.array, found))
+            state, metrics = state._replace(path=jax.tree.map(np.array, found)), np.asarray(metrics)
             ready = np.flatnonzero((state.path.load == state.total) & (np.array(numbers) >= 0)).tolist()
             for at in ready:
                 number = numbers[at]
-                results[number].append((_cut(state.path, at, int(state.total[at])), np.asarray(metrics[at])))
+                results[number].append((_cut(state.path, at, int(state.total[at])), metrics[at].copy()))
                 if sum(len(path.found) for path, _ in results[number]) == len(jobs[number].loads):
                     done(1)
                     numbers[at] = number = next(iter(queue.take(1)), -1)
