@@ -20,7 +20,6 @@ from exosight.mechanics.lanes import Job, run, width
 from exosight.mechanics.newton import Path
 from exosight.mechanics.robot import Robot
 
-
 GROUP = 256
 """Robots solved at a time: the Hessians along a path, by which snaps are told, take half a megabyte each."""
 
