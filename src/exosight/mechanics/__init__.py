@@ -7,6 +7,7 @@ energy                       what an energy term is, and the terms of rods, join
 contact, actuation           spheres that press on each other; pressure and cables along a line
 loads, bushing               weight, wrenches, spread forces, torques; springs between frames that close loops
 equilibrium                  stable minima of the energy, followed along a load path
+march                        many robots a step further at a time, each to loads of its own
 dynamics                     motion in time under the same energies
 """
 
@@ -42,6 +43,7 @@ from exosight.mechanics.joint import (
 from exosight.mechanics.kinematics import Motion, walk
 from exosight.mechanics.link import Link
 from exosight.mechanics.loads import DeadForce, DistributedForce, Gravity, JointTorque, PointWrench
+from exosight.mechanics.march import Reached, march
 from exosight.mechanics.quadrature import Gauss
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
@@ -82,6 +84,7 @@ __all__ = [
     "PointWrench",
     "PressureLine",
     "Prismatic",
+    "Reached",
     "Rectangular",
     "Revolute",
     "Robot",
@@ -99,6 +102,7 @@ __all__ = [
     "follow",
     "helix",
     "locate_snaps",
+    "march",
     "potential",
     "stack",
     "straight",

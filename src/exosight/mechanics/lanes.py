@@ -98,7 +98,7 @@ def run(
                     into[at] = row
 
     # Compiled calls release Python's lock, so one thread a core keeps every core busy.
-    workers = min(_cores(), -(-len(jobs) // lanes)) if on_cpu else 1
+    workers = min(cores(), -(-len(jobs) // lanes)) if on_cpu else 1
     if workers == 1:
         work()
         return [_joined(parts) for parts in results]
@@ -173,7 +173,8 @@ class _Queue:
         return list(taken)
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -16,7 +16,7 @@ def tubes(
     centreline: Float[np.ndarray, "frames points 3"],
     rod_radii: Float[np.ndarray, "#frames points"] | Float[np.ndarray, " points"],
     finger: Float[np.ndarray, "frames nodes 3"],
-    finger_radii: Float[np.ndarray, " nodes"],
+    finger_radii: Float[np.ndarray, "#frames nodes"] | Float[np.ndarray, " nodes"],
     finger_shade: float | Float[np.ndarray, " frames"] = FINGER_SHADE,
     exosuit_shade: float | Float[np.ndarray, " frames"] = EXOSUIT_SHADE,
 ) -> tuple[Tube, Tube]:
@@ -27,7 +27,7 @@ def tubes(
     centreline    (frames, points, 3)           the exosuit's axis [m]
     rod_radii     (points,) or (frames, points) the exosuit's radius along it [m]
     finger        (frames, nodes, 3)            joints and tip of the finger [m]
-    finger_radii  (nodes,)                      the finger's radius there [m]
+    finger_radii  (nodes,) or (frames, nodes)   the finger's radius there [m]
     returns       the tubes to pass to `exosight.vision.render`
 
     Raises InputError if shapes differ or a number is not finite.

@@ -1,0 +1,146 @@
+"""Many robots a few loads further, each from where it stands: one step of a batch of simulations.
+
+`follow` solves whole paths, known beforehand; here robots come back after every step, and what each gets next
+may depend on what all of them showed. Nothing but poses and loads crosses between Python and compiled code.
+"""
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from exosight.mechanics.equilibrium import SolverOptions
+from exosight.mechanics.lanes import cores, width
+from exosight.mechanics.newton import Path, begin, stepper
+from exosight.mechanics.robot import Robot
+
+_DEFAULT = SolverOptions()
+_ROOM = 8  # loads a compiled call: more would be memory that most steps do not use, fewer would be more calls
+
+
+class Reached(NamedTuple):
+    """Where each robot has come.
+
+    q          (robots, dofs)       the last equilibrium on the way
+    loads      (robots, channels)   the loads there [N]
+    converged  (robots,)            those are the loads that were asked for
+    """
+
+    q: Float[np.ndarray, "robots dofs"]
+    loads: Float[np.ndarray, "robots channels"]
+    converged: Bool[np.ndarray, " robots"]
+
+
+def march(
+    robots: Robot,
+    q: Float[np.ndarray, "robots dofs"],
+    start: Float[np.ndarray, "robots channels"],
+    end: Float[np.ndarray, "robots channels"],
+    steps: Int[np.ndarray, " robots"],
+    options: SolverOptions = _DEFAULT,
+) -> Reached:
+    """Each robot from its equilibrium at one load to that at another, in even steps.
+
+    robots   stacked, see `stack`
+    q        (robots, dofs)       equilibria at `start`
+    start    (robots, channels)   [N]
+    end      (robots, channels)   [N]
+    steps    (robots,)            how many, at least 1; robots with few do not wait for those with many
+
+    A robot that finds no stable equilibrium on its way stays in the last one, and says so.
+    """
+    q, at = q.copy(), start.copy()
+    good = np.ones(len(q), bool)
+    size = (end - start) / steps[:, None]
+    for first in range(0, int(steps.max()), _ROOM):
+        left = np.where(good, np.clip(steps - first, 0, _ROOM), 0)
+        number = np.minimum(first + 1 + np.arange(_ROOM), steps[:, None])
+        loads = start[:, None] + number[:, :, None] * size[:, None]
+        # The last load is the one asked for, to the last digit.
+        loads = np.where((number == steps[:, None])[:, :, None], end[:, None], loads)
+        own = np.flatnonzero(left)
+        for part, (found, count) in _solve(robots, q, loads, left, own[np.argsort(-left[own])], options):
+            moved = part[count > 0]
+            q[moved] = found[count > 0]
+            at[moved] = loads[moved, count[count > 0] - 1]
+            good[part] = count == left[part]
+    return Reached(q, at, good)
+
+
+def _solve(
+    robots: Robot,
+    q: Float[np.ndarray, "robots dofs"],
+    loads: Float[np.ndarray, "robots room channels"],
+    left: Int[np.ndarray, " robots"],
+    order: Int[np.ndarray, " some"],
+    options: SolverOptions,
+) -> Sequence[tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]]:
+    """For each part of the robots named in `order`: who, their last equilibria, and how many they solved."""
+    lanes = min(width(options.lanes), 1 << (len(q) - 1).bit_length())
+    groups = -(-len(q) // lanes)
+    workers = min(cores(), groups) if jax.default_backend() == "cpu" else 1
+    room = -(-groups // workers) * lanes  # of every call, whatever the number of robots that still move
+
+    def work(worker: int) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        # Neighbours in the order have about as much to do, and share a group; groups go round the workers.
+        own = [order[at : at + lanes] for at in range(worker * lanes, len(order), workers * lanes)]
+        part = np.concatenate([order[:0], *own])
+        padded = np.concatenate([part, np.zeros(room - len(part), int)])
+        count = np.where(np.arange(room) < len(part), left[padded], 0)
+        found, solved = _compiled(
+            robots, q[padded], loads[padded], count, padded, options.tolerance, options.max_iterations, lanes
+        )
+        return part, (np.asarray(found)[: len(part)], np.asarray(solved)[: len(part)])
+
+    if workers == 1:
+        return [work(0)]
+    with ThreadPoolExecutor(max_workers=workers) as pool:  # compiled calls release Python's lock
+        return list(pool.map(work, range(workers)))
+
+
+@partial(
+    jax.jit, static_argnames="lanes", compiler_options={"xla_cpu_multi_thread_eigen": False}
+)  # as in `lanes`
+def _compiled(
+    robots: Robot,
+    q: Float[Array, "room dofs"],
+    loads: Float[Array, "room steps channels"],
+    count: Int[Array, " room"],
+    number: Int[Array, " room"],
+    tolerance: float | Array,
+    max_iterations: int | Array,
+    lanes: int,
+) -> tuple[Float[Array, "room dofs"], Int[Array, " room"]]:
+    """The last equilibrium of each robot, and how many of its loads were solved one after the other."""
+
+    def one(robot: Robot, q: Array, loads: Array, count: Array) -> tuple[Array, Array]:
+        places = len(loads)
+        parents = jnp.arange(-1, places - 1)
+        starts = jnp.broadcast_to(q, (places, len(q)))
+        step = stepper(robot, loads, parents, starts, count, tolerance, max_iterations)
+
+        def going(path: Path) -> Array:
+            lost = jnp.any(~path.converged & (jnp.arange(places) < path.load))
+            return jax.lax.psum(((path.load < count) & ~lost).astype(int), "lanes") > 0
+
+        path = jax.lax.while_loop(going, step, begin(q, places, loads.shape[1]))
+        solved = jnp.sum(jnp.cumprod(path.converged & (jnp.arange(places) < count)))
+        return jnp.where(solved > 0, path.found[solved - 1], q), solved
+
+    def group(parts: tuple) -> tuple[Array, Array]:
+        number, q, loads, count = parts
+
+        def solve() -> tuple[Array, Array]:
+            own = jax.tree.map(lambda leaf: leaf[number], robots)
+            return jax.vmap(one, axis_name="lanes")(own, q, loads, count)
+
+        return jax.lax.cond(count.max() > 0, solve, lambda: (q, jnp.zeros_like(count)))
+
+    parts = jax.tree.map(lambda leaf: leaf.reshape(-1, lanes, *leaf.shape[1:]), (number, q, loads, count))
+    found, solved = jax.lax.map(group, parts)
+    return found.reshape(q.shape), solved.reshape(count.shape)
