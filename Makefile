@@ -2,14 +2,16 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: help demo test lint bench compare figures clean
+.PHONY: help demo test lint bench compare figures docs dist clean
 
 help:
 	@echo "make demo     install, run the quick study, print where its report is"
 	@echo "make test     install, then lint, type check and all tests"
 	@echo "make bench    re-measure the speeds that the documentation quotes"
 	@echo "make compare  time exosight beside PyElastica and SoRoMoX again, and show it in docs/validation.md"
-	@echo "make figures  re-make the pictures of the README and the documentation"
+	@echo "make figures  re-make the pictures and tables of the README and the documentation"
+	@echo "make docs     build the documentation site into site/, warnings as errors"
+	@echo "make dist     build wheel and sdist into dist/, install the wheel elsewhere and try it"
 	@echo "make clean    remove the virtual environment and caches (results stay)"
 
 demo: .venv/ready-train
@@ -34,13 +36,25 @@ figures: .venv/ready-test
 	$(BIN)/python -m benchmarks.convergence
 	$(BIN)/python docs/figures.py
 	$(BIN)/python docs/figures_validation.py
+	$(BIN)/python docs/figures_identifiability.py
+	$(BIN)/python docs/figures_animation.py
+	$(BIN)/python tools/dependencies.py
+
+docs: .venv/ready-test
+	$(BIN)/python -m sphinx -W --keep-going -b html docs site
+	@echo "open site/index.html"
+
+dist: .venv/ready-test
+	rm -rf dist
+	$(BIN)/python -m build --no-isolation
+	EXOSIGHT_TEST_WHEEL=dist $(BIN)/pytest tests/test_distribution.py
 
 .venv/ready-train: pyproject.toml constraints.txt
 	@PYTHON="$(PYTHON)" sh tools/setup.sh train
 
 .venv/ready-test: pyproject.toml constraints.txt
-	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,compare,test
+	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,compare,docs,test
 	@touch .venv/ready-train
 
 clean:
-	rm -rf .venv build dist .pytest_cache .ruff_cache .hypothesis
+	rm -rf .venv build dist site docs/api docs/tutorials_run .pytest_cache .ruff_cache .hypothesis

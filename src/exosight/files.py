@@ -1,6 +1,8 @@
 """Writing a file so that it is there whole or not at all, whatever happens meanwhile."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
 
@@ -15,6 +17,26 @@ def write_new_file(path: Path, content: bytes) -> None:
     if path.exists():
         raise DataError(f"{path} exists and is not overwritten; choose another folder")
     replace_file(path, content)
+
+
+@contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """Where to write a large file that does not exist yet: it takes its name when it is whole, or not at all.
+
+    Raises DataError if the file exists or cannot be written.
+    """
+    if path.exists():
+        raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
+    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
+    try:
+        yield part
+        os.replace(part, path)
+    except OSError as error:
+        if isinstance(error, DataError):
+            raise
+        raise DataError(f"{path} could not be written: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def replace_file(path: Path, content: bytes) -> None:

@@ -195,10 +195,12 @@ def test_batch_matches_loop() -> None:
 
 
 def test_every_robot_is_reported_once() -> None:
-    told: list[int] = []
+    """Whichever thread comes first: a hundred times, as some orders are rare."""
     robots = [cantilever(1, (0.0, 0.0, s)) for s in (0.5, 1.0, 1.5, 2.0, -1.0)]
-    follow(robots, np.ones((3, 1)), options=SolverOptions(lanes=2), done=told.append)
-    assert sum(told) == 5
+    for _ in range(100):
+        told: list[int] = []
+        follow(robots, np.ones((3, 1)), options=SolverOptions(lanes=2), done=told.append)
+        assert sum(told) == 5
 
 
 def test_branches_leave_the_path_alone() -> None:

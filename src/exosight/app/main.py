@@ -24,6 +24,8 @@ COMMANDS = {
     "control": "the closed loop, with a network or the true force as sensor",
     "study": "all of it, from simulation to one report",
     "bench": "how many equilibria a second this machine solves",
+    "export": "a dataset or a simulated path for MATLAB and other programs",
+    "doctor": "what is installed, what works, what is missing",
 }
 
 HELP = f"""exosight {__version__}: contact forces of a soft finger exosuit from a camera image

@@ -68,20 +68,25 @@ class BatchPlant:
 
     exosuits  what is simulated; their fingers have one number of links and hinges
     limit     largest |u| that is taken [N]
+    path_step largest step of u between two equilibria that are solved [N]; larger ones are faster, and may
+              snap elsewhere
 
     Raises InputError for no exosuits, fingers of several structures or a limit that is not finite and above
     0; ConvergenceError if an unloaded exosuit has no stable pose.
     """
 
-    def __init__(self, exosuits: Sequence[Exosuit], limit: float = ACTUATION_LIMIT) -> None:
+    def __init__(
+        self, exosuits: Sequence[Exosuit], limit: float = ACTUATION_LIMIT, path_step: float = PATH_STEP
+    ) -> None:
         if not exosuits:
             raise InputError("plants: expected at least one exosuit, got none")
-        if not 0 < limit < np.inf:
-            raise InputError(f"plant limit: expected a finite number above 0 N, got {limit}")
+        for name, value in (("limit", limit), ("path step", path_step)):
+            if not 0 < value < np.inf:
+                raise InputError(f"plant {name}: expected a finite number above 0 N, got {value}")
         counts = {(len(e.finger.lengths), len(e.finger.joint_stiffness)) for e in exosuits}
         if len(counts) > 1:
             raise InputError("plants: expected fingers of one number of links and hinges, got several")
-        self.exosuits, self.limit = tuple(exosuits), limit
+        self.exosuits, self.limit, self.path_step = tuple(exosuits), limit, path_step
         ((_, self._hinges),) = counts
         self._own = stack([_movable(exosuit) for exosuit in exosuits])
         self._surface = np.stack([radius(e.shape.surface, QUADRATURE.points) for e in exosuits])
@@ -146,7 +151,7 @@ class BatchPlant:
             self._hold(joints)
         end = np.column_stack([u, self._joints.stiffness * self._joints.rest])
         # The margin keeps round-off in u from adding a step.
-        walked = np.ceil(np.abs(u - self._loads[:, 0]) / PATH_STEP - 1e-9)
+        walked = np.ceil(np.abs(u - self._loads[:, 0]) / self.path_step - 1e-9)
         steps = np.maximum(1, np.maximum(walked, np.ceil(turn / REST_STEP - 1e-9))).astype(int)
         reached = march(self._robots, self._q, self._loads, end, steps)
         self._q, self._loads = reached.q, reached.loads

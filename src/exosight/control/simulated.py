@@ -42,6 +42,7 @@ class SimulatedPlant:
     _stacked: Robot = field(init=False, repr=False)
     _walk: "Callable[[_Point, float], tuple[_Point, bool]]" = field(init=False, repr=False)
     _now: "_Point | None" = field(init=False, repr=False, default=None)
+    _converged: bool = field(init=False, repr=False, default=True)
 
     def __post_init__(self) -> None:
         if not 0 < self.limit < math.inf:
@@ -61,8 +62,8 @@ class SimulatedPlant:
             raise ConvergenceError(
                 "the unloaded exosuit has no stable pose; check its shape and the finger's"
             )
-        self._now = rest
-        return self._look(rest, converged)
+        self._now, self._converged = rest, converged
+        return self.look()
 
     def apply(self, u: float) -> Observation:
         """Change the actuation to u [N], in steps from the present one, and look at the pose.
@@ -71,15 +72,18 @@ class SimulatedPlant:
 
         Raises InputError if u is not a number within ±limit.
         """
+        self.move(u)
+        return self.look()
+
+    def move(self, u: float) -> None:
+        """Change the actuation to u [N] without looking: `apply` is this and `look`."""
         if not abs(u) <= self.limit:  # NaN fails here too
             raise InputError(f"actuation u: expected a number within ±{self.limit:g} N, got {u}")
-        if self._now is None:
-            self.reset()
-        assert self._now is not None
-        self._now, converged = self._walk(self._now, float(u))
-        return self._look(self._now, converged)
+        self._now, self._converged = self._walk(self._present(), float(u))
 
-    def _look(self, point: "_Point", converged: bool) -> Observation:
+    def look(self) -> Observation:
+        """The pose as it is now."""
+        point = self._present()
         q = np.array(point.q)
         pose = jax.tree.map(lambda leaf: leaf[0], observe(self._stacked, jnp.asarray(q[None, None])))
         return Observation(
@@ -87,9 +91,15 @@ class SimulatedPlant:
             image=picture(self.exosuit, pose, self.camera)[0],
             forces=np.asarray(pose.forces[0]),
             q=q,
-            converged=converged,
+            converged=self._converged,
             min_eigenvalue=point.min_eigenvalue,
         )
+
+    def _present(self) -> "_Point":
+        if self._now is None:
+            self.reset()
+        assert self._now is not None
+        return self._now
 
 
 @dataclass(frozen=True)
@@ -106,7 +116,7 @@ def _walk(robot: Robot, start: _Point, u: float) -> tuple[_Point, bool]:
     loads = _steps(start.u, u)
     for first in range(0, len(loads), _PIECE):
         piece = loads[first : first + _PIECE]
-        path = follow([robot], piece[:, None], q=np.array([start.q]))
+        path = follow([robot], piece[:, None], q=np.array([start.q]), snaps=False)
         good = int(np.argmin([*path.converged[0], False]))  # up to the first that does not converge
         if good:
             last = good - 1

@@ -73,11 +73,13 @@ def run(
         numbers = queue.take(lanes)
         if not numbers:
             return
+        # A lane without a job holds a copy of the first one, but stands still.
+        filled = numbers + [numbers[0]] * (lanes - len(numbers))
         numbers += [-1] * (lanes - len(numbers))
-        rows = [np.stack([leaves[max(i, 0)][k] for i in numbers]) for k in range(len(leaves[0]))]
-        state = jax.tree.map(lambda *parts: np.stack(parts), *(next_part(max(i, 0)) for i in numbers))
+        rows = [np.stack([leaves[i][k] for i in filled]) for k in range(len(leaves[0]))]
+        state = jax.tree.map(lambda *parts: np.stack(parts), *(next_part(i) for i in filled))
         empty = np.array(numbers) < 0
-        state.path.load[empty] = state.total[empty]  # lanes without a job stand still
+        state.path.load[empty] = state.total[empty]
         while any(i >= 0 for i in numbers) and not queue.stopped:
             # While jobs wait, come back as soon as a quarter of the lanes is free for them.
             enough = min(lanes, numbers.count(-1) + max(1, lanes // 4))

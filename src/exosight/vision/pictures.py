@@ -13,14 +13,9 @@ LARGEST_SIDE = 16_384  # [pixels]
 
 
 def read_gray(path: Path, width: int, height: int) -> UInt8[np.ndarray, "height width"]:
-    """A picture (PNG, JPEG, TIFF, …) as gray values 0…255, shrunk or enlarged to the size wanted.
+    """A picture file (PNG, JPEG, TIFF, …) as gray values 0…255; see `decode_gray`.
 
-    Colours become gray by Rec. 601; transparency is ignored. An area shrinks to its mean.
-
-    width, height   [pixels]
-
-    Raises DataError if the file is missing, no picture, damaged, too large, or of another aspect ratio: a
-    stretched picture shows another pose.
+    Raises DataError if the file is missing or too large, and where `decode_gray` does.
     """
     try:
         size = path.stat().st_size
@@ -29,19 +24,33 @@ def read_gray(path: Path, width: int, height: int) -> UInt8[np.ndarray, "height 
         data = path.read_bytes()
     except OSError as error:
         raise DataError(f"{path}: cannot be read ({error.strerror}); expected a picture") from error
+    return decode_gray(data, str(path), width, height)
+
+
+def decode_gray(data: bytes, name: str, width: int, height: int) -> UInt8[np.ndarray, "height width"]:
+    """The content of a picture file as gray values 0…255, shrunk or enlarged to the size wanted.
+
+    Colours become gray by Rec. 601; transparency is ignored. An area shrinks to its mean.
+
+    name            of the file, for messages
+    width, height   [pixels]
+
+    Raises DataError if it is no picture, damaged, too large, or of another aspect ratio: a stretched picture
+    shows another pose.
+    """
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
     except cv2.error:
         picture = None
     if picture is None:
-        raise DataError(f"{path}: not a picture that can be read, or damaged; give a PNG, JPEG or TIFF file")
+        raise DataError(f"{name}: not a picture that can be read, or damaged; give a PNG, JPEG or TIFF file")
     rows, columns = picture.shape
     if max(rows, columns) > LARGEST_SIDE:
-        raise DataError(f"{path}: {columns}×{rows} pixels, at most {LARGEST_SIDE} a side are read")
+        raise DataError(f"{name}: {columns}×{rows} pixels, at most {LARGEST_SIDE} a side are read")
     # Within one pixel of the smaller picture.
     if abs(columns * height - rows * width) > max(rows, columns, width, height):
         raise DataError(
-            f"{path}: expected the aspect ratio {width}:{height}, got {columns}×{rows} pixels; crop it"
+            f"{name}: expected the aspect ratio {width}:{height}, got {columns}×{rows} pixels; crop it"
         )
     if (columns, rows) == (width, height):
         return picture
