@@ -53,7 +53,7 @@ dist: .venv/ready-test
 	@PYTHON="$(PYTHON)" sh tools/setup.sh train
 
 .venv/ready-test: pyproject.toml constraints.txt
-	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,compare,docs,test
+	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,compare,docs,lab,test
 	@touch .venv/ready-train
 
 clean:

@@ -25,6 +25,7 @@ COMMANDS = {
     "study": "all of it, from simulation to one report",
     "bench": "how many equilibria a second this machine solves",
     "export": "a dataset or a simulated path for MATLAB and other programs",
+    "lab": "a local page: sliders move exosuit, picture and forces",
     "doctor": "what is installed, what works, what is missing",
 }
 
@@ -43,6 +44,9 @@ One exosuit under four loads
 
 The forces in a picture
   exosight estimate image.png
+
+A page with sliders
+  exosight lab
 
 Step by step
   exosight generate --out results/data

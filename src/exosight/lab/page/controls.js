@@ -1,0 +1,69 @@
+// Sliders with a number beside them, and lists to choose from; all bounds come from the server.
+
+import { html } from "./svg.js";
+
+let count = 0;
+
+/** A slider in shown units; `changed` is called with the value in the server's units. */
+export function slider(spec, changed) {
+  const id = `slider-${count++}`;
+  const shown = (value) => Number((value * spec.scale).toPrecision(6));
+  const step = shown(spec.step);
+  const range = html("input", spec.log
+    ? { type: "range", id, min: 0, max: 200, step: 1 }
+    : { type: "range", id, min: shown(spec.low), max: shown(spec.high), step: "any" });
+  const number = html("input", {
+    type: "number", min: shown(spec.low), max: shown(spec.high), step: "any",
+    "aria-label": `${spec.label}${spec.unit ? `, ${spec.unit}` : ""}, as a number`,
+  });
+  const ratio = Math.log(spec.high / spec.low);
+  let now = spec.start;
+  const show = (value, exact) => {
+    now = value;
+    range.value = spec.log ? (200 * Math.log(value / spec.low)) / ratio : shown(value);
+    range.setAttribute("aria-valuetext", `${shown(value)} ${spec.unit}`);
+    if (!exact) number.value = shown(value);
+  };
+  const take = (value, exact) => {
+    const inside = Math.min(spec.high, Math.max(spec.low, value));
+    show(inside, exact && inside === value);
+    changed(inside);
+  };
+  const snapped = (value) => {
+    // Counted from the lowest value, but both ends can be reached.
+    const near = spec.low + Math.round((value - spec.low) / spec.step) * spec.step;
+    return value >= spec.high ? spec.high : Math.min(spec.high, Number(near.toPrecision(9)));
+  };
+  range.addEventListener("input", () => {
+    const at = Number(range.value);
+    take(spec.log ? Number((spec.low * Math.exp((at / 200) * ratio)).toPrecision(3)) : snapped(at / spec.scale));
+  });
+  // With step "any" the keys would move by a hundredth of the range, off the grid.
+  if (!spec.log) range.addEventListener("keydown", (event) => {
+    const by = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1, PageUp: 10, PageDown: -10 }[event.key];
+    if (!by) return;
+    event.preventDefault();
+    const steps = Math.max(1, Math.round((spec.high - spec.low) / spec.step / 100));
+    take(snapped(now + by * steps * spec.step));
+  });
+  number.addEventListener("change", () => {
+    const typed = Number(number.value);
+    if (number.value === "" || !Number.isFinite(typed)) show(now);
+    else take(Number((typed / spec.scale).toPrecision(9)));
+  });
+  show(spec.start);
+  const element = html("div", { class: "slider" },
+    html("label", { for: id }, spec.label), html("span", { class: "number" }, number, spec.unit), range);
+  return { element, set: show, step };
+}
+
+/** A list to choose from. */
+export function pick(label, options, start, changed) {
+  const id = `pick-${count++}`;
+  const select = html("select", { id }, ...options.map((each) => html("option", { value: each.name }, each.label)));
+  select.value = start;
+  select.addEventListener("change", () => changed(select.value));
+  return html("div", { class: "pick" }, html("label", { for: id }, label), select);
+}
+
+export const group = (name, ...children) => html("fieldset", {}, html("legend", {}, name), ...children);

@@ -1,0 +1,40 @@
+// The third tab: a picture of one's own.
+
+import { upload } from "./api.js";
+import { forceTable } from "./charts.js";
+import { by, newtons } from "./svg.js";
+
+export function estimate() {
+  const table = forceTable(by("file-forces"), false);
+  const drop = by("drop");
+
+  async function take(picture) {
+    if (!picture) return;
+    by("file-problem").hidden = true;
+    try {
+      const found = await upload(picture);
+      by("file-image").src = `data:image/png;base64,${found.image}`;
+      by("file-image").alt = `${picture.name}, gray, 128 by 128 pixels`;
+      table(null, found.reading);
+      const strange = found.reading.unlike > 1;
+      by("verdict").className = `verdict ${strange ? "bad" : ""}`;
+      by("verdict").textContent = strange
+        ? `Do not trust these forces: the picture is unlike those learned from (score ${found.reading.unlike.toFixed(2)}, trusted up to 1).`
+        : `F_net ${newtons(found.reading.F_net)}; the picture is like those learned from (score ${found.reading.unlike.toFixed(2)}).`;
+      by("file-cause").textContent = `Guard, shown this picture: ${found.guard.state}; ${found.guard.cause}.`;
+      by("result").hidden = by("file-result").hidden = false;
+    } catch (error) {
+      by("file-problem").textContent = `Not estimated: ${error.message}.`;
+      by("file-problem").hidden = false;
+      by("result").hidden = by("file-result").hidden = true;
+    }
+    document.dispatchEvent(new CustomEvent("estimated"));
+  }
+
+  by("file").addEventListener("change", () => { take(by("file").files[0]); by("file").value = ""; });
+  drop.addEventListener("dragover", (event) => { event.preventDefault(); drop.classList.add("over"); });
+  drop.addEventListener("dragleave", () => drop.classList.remove("over"));
+  drop.addEventListener("drop", (event) => { event.preventDefault(); drop.classList.remove("over"); take(event.dataTransfer.files[0]); });
+  // A file that misses the field must not replace the page.
+  for (const name of ["dragover", "drop"]) document.addEventListener(name, (event) => event.preventDefault());
+}

@@ -1,0 +1,290 @@
+"""The addresses of the lab. Every answer follows from its request alone; work is done in two threads.
+
+Starlette and Uvicorn: parsing HTTP from strangers is no place for code of one's own. A WebSocket would keep a
+session, of which there are none: a page has at most one view on its way, so that none is ever out of date.
+"""
+
+import asyncio
+import json
+import secrets
+import socket
+import threading
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.resources import files
+from typing import Any, ParamSpec, TypeVar
+
+import pydantic
+import uvicorn
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from exosight.errors import ExosightError, InputError
+from exosight.lab.controls import about
+from exosight.lab.door import LOOPBACK, Door, read_body
+from exosight.lab.saving import command_of, forces_csv, path_csv
+from exosight.lab.settings import Run, Settings, View, read_settings
+from exosight.lab.trials import Step, Stopped, run_trial
+from exosight.lab.uploads import LARGEST_UPLOAD, estimate
+from exosight.lab.views import PATH_DRIVES, answer, exosuit_of, path_of, png_of, see
+from exosight.lab.worn import STEP, Wardrobe
+
+_LARGEST_SETTINGS = 64 * 2**10  # bytes
+_CONNECTIONS = 512  # at a time; a browser opens up to six a page
+_KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+@dataclass
+class _Lab:
+    """What the addresses share.
+
+    start      the view that pages open with
+    wardrobe   exosuits asked for last
+    slots      views worked out at a time
+    runs       closed loops at a time
+    """
+
+    start: View
+    wardrobe: Wardrobe = field(default_factory=Wardrobe)
+    slots: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(2))
+    runs: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
+    ready: "asyncio.Task[None] | None" = None
+
+    async def work(self, request: Request, job: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+        """Do a job in a thread once all is compiled, unless whoever asked has gone meanwhile."""
+        assert self.ready is not None
+        await asyncio.shield(self.ready)
+        async with self.slots:
+            if await request.is_disconnected():
+                raise ClientDisconnect
+            return await asyncio.to_thread(job, *args, **kwargs)
+
+    def warm_up(self) -> None:
+        """Compile all that a view needs."""
+        see(self.start, self.wardrobe)
+        path_of(self.wardrobe.wear(exosuit_of(self.start)))
+
+
+def application(start: View, hosts: frozenset[str] | None, token: str | None) -> Starlette:
+    """The lab as an ASGI application.
+
+    start   the view that pages open with
+    hosts   names under which it may be asked; None: any
+    token   that requests must show; None: none
+    """
+    lab = _Lab(start)
+
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        lab.ready = asyncio.create_task(asyncio.to_thread(lab.warm_up))
+        yield
+
+    async def page(request: Request) -> Response:
+        name = request.path_params.get("name", "index.html")
+        if name not in _assets():
+            raise HTTPException(404, "address: there is nothing here; open /")
+        return Response(_assets()[name], media_type=_KINDS[name.rpartition(".")[2]])
+
+    async def describe(_: Request) -> Response:
+        return _json({**about(), "start": pydantic.TypeAdapter(View).dump_python(start, mode="json")})
+
+    async def view(request: Request) -> Response:
+        settings = await _settings(request, View)
+        return _json(await lab.work(request, _answer, settings, lab.wardrobe))
+
+    async def path(request: Request) -> Response:
+        return _json(await _path(request, await _settings(request, View)))
+
+    async def _path(request: Request, settings: View) -> dict[str, Any]:
+        worn = lab.wardrobe.wear(exosuit_of(settings))
+        for drive in PATH_DRIVES:  # in parts: other requests come in between
+            await lab.work(request, worn.at, drive)
+        return await lab.work(request, path_of, worn)
+
+    async def save(request: Request) -> Response:
+        settings, name = await _settings(request, View), request.path_params["name"]
+        if name == "path.csv":
+            return _file(path_csv(await _path(request, settings)).encode(), name)
+        seen = await lab.work(request, see, settings, lab.wardrobe)
+        if name == "forces.csv":
+            return _file(forces_csv(seen).encode(), name)
+        if name == "picture.png":
+            return _file(png_of(seen.image), name)
+        raise HTTPException(404, "save: expected picture.png, forces.csv or path.csv")
+
+    async def picture(request: Request) -> Response:
+        data = await read_body(request, LARGEST_UPLOAD)
+        return _json(await lab.work(request, estimate, data))
+
+    async def trial(request: Request) -> Response:
+        settings = await _settings(request, Run)
+        assert lab.ready is not None
+        await asyncio.shield(lab.ready)
+        return StreamingResponse(_lines(settings, lab.runs), media_type="application/x-ndjson")
+
+    return Starlette(
+        routes=[
+            Route("/", page),
+            Route("/api/about", describe),
+            Route("/api/view", view, methods=["POST"]),
+            Route("/api/path", path, methods=["POST"]),
+            Route("/api/save/{name}", save, methods=["POST"]),
+            Route("/api/estimate", picture, methods=["POST"]),
+            Route("/api/trial", trial, methods=["POST"]),
+            Route("/{name}", page),
+        ],
+        middleware=[Middleware(Door, hosts=hosts, token=token)],
+        exception_handlers={
+            ExosightError: _wrong,
+            HTTPException: _refused,
+            ClientDisconnect: _gone,
+            Exception: _bug,
+        },
+        lifespan=lifespan,
+    )
+
+
+async def _settings(request: Request, kind: type[Settings]) -> Settings:
+    return read_settings(kind, await read_body(request, _LARGEST_SETTINGS, "application/json"))
+
+
+def _answer(settings: View, wardrobe: Wardrobe) -> dict[str, Any]:
+    seen = see(settings, wardrobe)
+    shortest = pydantic.TypeAdapter(View).dump_python(settings)
+    shortest["drive"] = tuple(STEP * k for k in seen.rest.drive)
+    return {**answer(settings, exosuit_of(settings), seen), "command": command_of(View(**shortest))}
+
+
+async def _lines(settings: Run, runs: asyncio.Semaphore) -> AsyncIterator[bytes]:
+    """The steps of a run, a line of JSON each; a line with `error` ends it early."""
+    steps: asyncio.Queue[Step | None] = asyncio.Queue()
+    loop, gone = asyncio.get_running_loop(), threading.Event()
+
+    def tell(step: Step | None) -> None:
+        if gone.is_set():
+            raise Stopped
+        loop.call_soon_threadsafe(steps.put_nowait, step)
+
+    def job() -> None:
+        try:
+            try:
+                run_trial(settings, tell)
+            except ExosightError as error:
+                tell({"error": str(error)})
+            except Stopped:
+                return
+            except Exception:
+                tell({"error": _BUG})
+                raise
+            finally:
+                tell(None)
+        except Stopped:
+            pass
+
+    async with runs:
+        task = asyncio.create_task(asyncio.to_thread(job))
+        try:
+            while (step := await steps.get()) is not None:
+                yield json.dumps(step, allow_nan=False).encode() + b"\n"
+            await task
+        finally:
+            gone.set()
+
+
+_BUG = "a bug in exosight; please report it with what the terminal says"
+
+
+async def _wrong(_: Request, error: Exception) -> Response:
+    return JSONResponse({"error": str(error)}, 400)
+
+
+async def _refused(_: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    words = {404: "address: there is nothing here; open /", 405: "method: not one that this address knows"}
+    detail = error.detail if ":" in error.detail else words.get(error.status_code, error.detail)
+    return JSONResponse({"error": detail}, error.status_code, headers=error.headers)
+
+
+async def _gone(_: Request, error: Exception) -> Response:
+    return Response(status_code=499)  # nobody reads it
+
+
+async def _bug(_: Request, error: Exception) -> Response:
+    return JSONResponse({"error": _BUG}, 500)
+
+
+def _json(values: Any) -> Response:
+    return Response(json.dumps(values, allow_nan=False), media_type="application/json")
+
+
+def _file(content: bytes, name: str) -> Response:
+    headers = {"content-disposition": f'attachment; filename="exosight-{name}"'}
+    return Response(content, media_type="application/octet-stream", headers=headers)
+
+
+@cache
+def _assets() -> dict[str, bytes]:
+    """The page's files by name: nothing else can be asked for, however it is spelled."""
+    folder = files("exosight.lab") / "page"
+    return {
+        file.name: file.read_bytes() for file in folder.iterdir() if file.name.rpartition(".")[2] in _KINDS
+    }
+
+
+def listen(host: str, port: int) -> socket.socket:
+    """A socket that is listened on; port 0 takes any that is free.
+
+    Raises InputError if the host is none of this machine's, or the port is taken.
+    """
+    try:
+        family, *_, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+        listener = socket.socket(family, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+    except OSError as error:
+        raise InputError(
+            f"lab: {host}, port {port}: {error.strerror}; choose another --port or --host"
+        ) from error
+    return listener
+
+
+def address_of(host: str, listener: socket.socket, token: str | None) -> str:
+    """Where the page is to be opened."""
+    name = f"[{host}]" if ":" in host else host
+    return f"http://{name}:{listener.getsockname()[1]}/" + (f"?token={token}" if token else "")
+
+
+def access(host: str) -> tuple[frozenset[str] | None, str | None]:
+    """Names under which a host may be asked, and the token that it demands, if it is not this machine alone."""
+    if host in LOOPBACK:
+        return LOOPBACK, None
+    everywhere = host in ("", "0.0.0.0", "::")
+    return None if everywhere else LOOPBACK | {host.lower()}, secrets.token_urlsafe(24)
+
+
+def server_of(app: Starlette) -> uvicorn.Server:
+    """Uvicorn, quiet and within limits; `run(sockets=[…])` serves until it is stopped."""
+    return uvicorn.Server(
+        uvicorn.Config(
+            app,
+            http="h11",
+            ws="none",
+            lifespan="on",
+            log_level="error",
+            access_log=False,
+            server_header=False,
+            limit_concurrency=_CONNECTIONS,
+            timeout_graceful_shutdown=2,
+        )
+    )

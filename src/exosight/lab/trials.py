@@ -1,0 +1,168 @@
+"""Runs of the closed loop, told step by step while they are worked out."""
+
+import base64
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+from threading import Lock
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from exosight.control import (
+    ControllerConfig,
+    Guarded,
+    Observation,
+    Proportional,
+    Scheduled,
+    Sight,
+    hold,
+    run,
+    run_guarded,
+    true_sight,
+)
+from exosight.control.loop import RATE
+from exosight.control.simulated import SimulatedPlant
+from exosight.control.tuning import tune
+from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
+from exosight.lab.settings import Disturbance, Run
+from exosight.lab.views import (
+    CAMERA,
+    contacts_of,
+    exosuit_of,
+    network,
+    photograph,
+    png_of,
+    reading_of,
+    scene_of,
+)
+from exosight.mechanics import stack
+from exosight.vision.corruptions import corrupt
+from exosight.vision.unlike import unlike_images
+
+HELD = 40
+"""Steps for which the target is held; then it is 0 N for RELEASED steps."""
+RELEASED = 20
+_WRONG = range(20, 30)  # steps in which pictures are disturbed
+_SOFTER = 0.8
+
+Step = dict[str, Any]
+
+
+class Stopped(Exception):
+    """Nobody listens any more."""
+
+
+def run_trial(settings: Run, tell: Callable[[Step], None]) -> None:
+    """Run the loop and tell of every step as soon as it is known.
+
+    tell   called with each step as JSON values; whatever it raises ends the run
+
+    Raises InputError or ConvergenceError if the exosuit cannot be driven so.
+    """
+    exosuit = exosuit_of(settings.view)
+    target = np.concatenate([hold(settings.target, HELD), hold(0.0, RELEASED)])
+    guarded = Guarded(Scheduled(_tuned(exosuit))) if settings.law == "scheduled" else None
+    real = replace(exosuit, young=_SOFTER * exosuit.young) if settings.disturbance == "softer" else exosuit
+    plant = SimulatedPlant(real, CAMERA)
+    eye = _Eye(settings, real, target, tell, guarded)
+    if guarded is not None:
+        run_guarded(plant, guarded, eye.look, target)
+    else:
+        run(plant, Proportional(settings.gain), eye.measure, target)
+
+
+_tuning = Lock()
+
+
+@lru_cache(maxsize=32)
+def _known(exosuit: Exosuit) -> ControllerConfig:
+    return tune(exosuit)
+
+
+def _tuned(exosuit: Exosuit) -> ControllerConfig:
+    with _tuning:  # two runs of one exosuit: the second finds what the first has solved
+        return _known(exosuit)
+
+
+class _Eye:
+    """Looks at the plant through the view's camera, lets go wrong what is to go wrong, and tells."""
+
+    def __init__(
+        self,
+        settings: Run,
+        exosuit: Exosuit,
+        target: np.ndarray,
+        tell: Callable[[Step], None],
+        guarded: Guarded | None,
+    ) -> None:
+        self._settings, self._exosuit, self._target, self._tell, self._guarded = (
+            settings,
+            exosuit,
+            target,
+            tell,
+            guarded,
+        )
+        self._robot = stack([assemble(exosuit)])
+        self._step = 0
+        self._last = Sight()
+
+    def measure(self, observation: Observation) -> float:
+        """F_net for a law without a guard; NaN where there is none."""
+        reading = self.look(observation).reading
+        return math.nan if reading is None else float(reading.forces.sum())
+
+    def look(self, observation: Observation) -> Sight:
+        """What is known of the plant in this step."""
+        seen = replace(
+            observation, image=photograph(self._settings.view, observation.image[None], self._step)[0]
+        )
+        sight = self._disturbed(seen)
+        self._last = sight
+        pose: Pose = jax.tree.map(
+            lambda leaf: np.asarray(leaf)[0, 0], observe(self._robot, jnp.asarray(observation.q)[None, None])
+        )
+        self._tell(
+            {
+                "time": self._step / RATE,
+                "target": float(self._target[self._step]),
+                "u": round(observation.u, 4),
+                "F_net": round(observation.net_force, 5),
+                "true": [round(float(force), 5) for force in observation.forces],
+                "reading": None if sight.reading is None else reading_of(sight.reading),
+                "image": None if sight.image is None else base64.b64encode(png_of(sight.image)).decode(),
+                "guard": self._guard(),
+                "scene": scene_of(self._exosuit, pose, contacts_of(self._robot, observation.q)),
+                "converged": observation.converged,
+            }
+        )
+        self._step += 1
+        return sight
+
+    def _guard(self) -> dict[str, str] | None:
+        """The guard's state while the u of this step was chosen, and why it last changed."""
+        if self._guarded is None:
+            return None
+        log = self._guarded.log
+        return {"state": self._guarded.state.value, "cause": log[-1].cause if log else "start"}
+
+    def _sight(self, observation: Observation) -> Sight:
+        if self._settings.sensor == "true":
+            return true_sight(observation)
+        return Sight(observation.image, network().read(observation.image[None]), u=observation.u)
+
+    def _disturbed(self, observation: Observation) -> Sight:
+        wrong: Disturbance = self._settings.disturbance if self._step in _WRONG else "none"
+        if wrong == "lost":
+            return Sight(u=observation.u)
+        if wrong == "frozen":
+            return replace(self._last, u=observation.u)
+        if wrong == "noise":
+            image = corrupt(observation.image[None], "noise-high", seed=1, first=self._step)[0]
+            return self._sight(replace(observation, image=image))
+        if wrong == "elsewhere":
+            return self._sight(replace(observation, image=unlike_images("room", 1, seed=self._step)[0]))
+        return self._sight(observation)
