@@ -111,7 +111,7 @@ def follow(
         if snaps:
             jumps = find_jumps(robots[group], solved, loads, source, options.tolerance, options.lanes)
         results += [_result(*path, snapped) for path, snapped in zip(solved, jumps, strict=True)]
-    return jax.tree.map(lambda *leaves: np.stack(leaves), *results)
+    return jax.tree.map(lambda *leaves: np.array(leaves), *results)
 
 
 def _checked(

@@ -76,8 +76,8 @@ def run(
         # A lane without a job holds a copy of the first one, but stands still.
         filled = numbers + [numbers[0]] * (lanes - len(numbers))
         numbers += [-1] * (lanes - len(numbers))
-        rows = [np.stack([leaves[i][k] for i in filled]) for k in range(len(leaves[0]))]
-        state = jax.tree.map(lambda *parts: np.stack(parts), *(next_part(i) for i in filled))
+        rows = [np.array([leaves[i][k] for i in filled]) for k in range(len(leaves[0]))]
+        state = jax.tree.map(lambda *parts: np.array(parts), *(next_part(i) for i in filled))
         empty = np.array(numbers) < 0
         state.path.load[empty] = state.total[empty]
         while any(i >= 0 for i in numbers) and not queue.stopped:
