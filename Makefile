@@ -25,8 +25,9 @@ lint: .venv/ready-test
 	$(BIN)/ruff check .
 	$(BIN)/pyright
 
-bench: .venv/ready-train
+bench: .venv/ready-test
 	$(BIN)/python -m benchmarks
+	$(BIN)/python docs/tables.py
 
 compare: .venv/ready-test
 	$(BIN)/python -m benchmarks.neighbours
@@ -38,6 +39,7 @@ figures: .venv/ready-test
 	$(BIN)/python docs/figures_validation.py
 	$(BIN)/python docs/figures_identifiability.py
 	$(BIN)/python docs/figures_animation.py
+	$(BIN)/python docs/tables.py
 	$(BIN)/python tools/dependencies.py
 
 docs: .venv/ready-test

@@ -1,8 +1,29 @@
-"""All benchmarks, one after the other: `python -m benchmarks`, on an otherwise idle machine."""
+"""All benchmarks, one after the other: `python -m benchmarks`, on an otherwise idle machine.
+
+Prints what was measured and writes it to docs/results/bench.json, from which docs/benchmarks.md is made.
+"""
+
+import json
+import os
+from pathlib import Path
 
 from benchmarks import dataset, equilibria, renderer
 
-for benchmark in (equilibria, renderer, dataset):
-    for key, value in benchmark.run().items():
-        print(f"{key}: {value}")
-    print()
+RESULT = Path(__file__).parents[1] / "docs" / "results" / "bench.json"
+
+
+def main() -> None:
+    """Run, print, write."""
+    found = {"load_before": round(os.getloadavg()[0], 2), "cores": os.cpu_count()}
+    for benchmark in (equilibria, renderer, dataset):
+        measured = benchmark.run()
+        for key, value in measured.items():
+            print(f"{key}: {value}")
+        print(flush=True)
+        measured.pop("name", None)
+        found[benchmark.__name__.rpartition(".")[2]] = measured
+    RESULT.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

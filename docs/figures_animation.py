@@ -1,0 +1,138 @@
+"""The animation at the top of the README: docs/images/animation.gif, simulated and estimated anew.
+
+An exosuit bends the finger while u rises and falls; beside it what the camera sees, and the forces that the
+network that comes with the package reads off it, with 90 % intervals, beside the true ones.
+"""
+
+import io
+from pathlib import Path
+
+import jax
+import numpy as np
+from jaxtyping import Float, UInt8
+from matplotlib.figure import Figure
+from PIL import Image
+
+from exosight.control import CONTROL_SHAPE, OnnxEstimator
+from exosight.control.estimator import DEFAULT_MODEL, Reading
+from exosight.evaluation.figures.style import BLACK, ESTIMATED, GRAY, TRUE, new_figure, show_image, styled
+from exosight.evaluation.metrics import CONTACTS
+from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
+from exosight.mechanics import SphereContact, follow, stack, walk
+from exosight.vision.camera import Camera, project
+from exosight.vision.scene import picture
+
+TARGET = Path(__file__).parent / "images" / "animation.gif"
+NEAR = Camera(centre=(0.047, -0.012), metres_per_pixel=2.6e-4, width=460, height=400)
+NEWTON = 0.15  # an arrow of 1 N is so long [m]
+TOP, STEP = 3.6, 0.1  # [N]
+HOLD = 4  # frames at either end
+MILLISECONDS = 110  # a frame
+COLOURS = 48  # of the palette: grays, two colours and their edges
+
+Forces = Float[np.ndarray, "frames 7"]
+
+
+def simulated() -> tuple[Exosuit, np.ndarray, Pose, Float[np.ndarray, "frames 8 3"], np.ndarray]:
+    """The exosuit, u, its poses on the way up and down, the forces on C0…C7 and the spheres' centres."""
+    exosuit = Exosuit(CONTROL_SHAPE)
+    up = np.arange(0.0, TOP + STEP / 2, STEP)
+    u = np.concatenate([up, up[-2::-1]])
+    robot = assemble(exosuit)
+    found = follow([robot], u[:, None])
+    if not found.converged.all():
+        raise SystemExit("animation: a pose did not converge")
+    pose = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack([robot]), found.q))
+    contact = next(term for term in robot.terms if isinstance(term, SphereContact))
+
+    def at(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+        position = walk(robot, q).position
+        return contact.forces(robot, position), position[np.array(contact.second.index(robot))]
+
+    forces, centres = jax.jit(jax.vmap(at))(found.q[0])
+    return exosuit, u, pose, np.asarray(forces), np.asarray(centres)
+
+
+@styled
+def frame(
+    u: float,
+    near: UInt8[np.ndarray, "height width"],
+    seen: UInt8[np.ndarray, "rows columns"],
+    push: Float[np.ndarray, "8 3"],
+    centres: Float[np.ndarray, "8 3"],
+    radii: Float[np.ndarray, " 8"],
+    true: Float[np.ndarray, " 7"],
+    read: tuple[Float[np.ndarray, " 7"], ...],
+    largest: float,
+) -> Figure:
+    """One picture of the animation; `read` is estimate, lower and upper end [N]."""
+    figure = new_figure(height=2.75, width=8.0)
+    figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02)  # type: ignore[union-attr]
+    system, camera, answer = figure.subplots(1, 3, width_ratios=(1.5, 1.3, 1.5))
+    show_image(system, near)
+    for centre, force, radius in zip(centres, push, radii, strict=True):
+        amount = float(np.linalg.norm(force))
+        if amount > 0.004:
+            start = centre - force / amount * radius
+            arrow = {"arrowstyle": "-|>", "color": TRUE, "linewidth": 2, "shrinkA": 0, "shrinkB": 0}
+            tip = start + NEWTON * force
+            system.annotate("", project(NEAR, tip) - 0.5, xytext=project(NEAR, start) - 0.5, arrowprops=arrow)
+    ends = np.array([[-0.008, 0.0, -0.055], [-0.008 + 0.1 * NEWTON, 0.0, -0.055]])
+    system.plot(*(project(NEAR, ends) - 0.5).T, color=TRUE, linewidth=2, solid_capstyle="butt")
+    system.text(*(project(NEAR, ends[1]) + np.array([6, 4])), "0.1 N", color=TRUE, fontsize=8)
+    system.set_title(f"u = {u:.1f} N", fontsize=11, fontfamily="monospace")
+    show_image(camera, seen)
+    camera.set_title("what the camera sees", fontsize=10)
+
+    place = np.arange(len(CONTACTS))
+    estimate, low, high = read
+    answer.barh(place - 0.2, true, height=0.36, color=TRUE, label="true")
+    answer.barh(place + 0.2, estimate, height=0.36, color=ESTIMATED, label="estimated, 90 % interval")
+    answer.hlines(place + 0.2, low, high, color=BLACK, linewidth=1)
+    answer.set(yticks=place, yticklabels=CONTACTS, xlabel="contact force [N]", xlim=(0, largest))
+    answer.set_title(
+        f"F_net {true.sum():.2f} N, read {estimate.sum():.2f} N", fontsize=10, fontfamily="monospace"
+    )
+    answer.invert_yaxis()
+    answer.tick_params(axis="y", length=0)
+    answer.grid(axis="x")
+    answer.legend(loc="lower right", fontsize=7.5, labelcolor=GRAY)
+    return figure
+
+
+def drawn(figure: Figure) -> Image.Image:
+    """A figure as pixels."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=105)
+    return Image.open(buffer).convert("RGB")
+
+
+def main() -> None:
+    """Simulate, estimate, draw."""
+    exosuit, u, pose, push, centres = simulated()
+    seen, near = picture(exosuit, pose, Camera()), picture(exosuit, pose, NEAR)
+    read: Reading = OnnxEstimator.load(DEFAULT_MODEL).read(seen)
+    true = np.asarray(pose.forces[:, 1:])
+    radii = np.array(exosuit.finger.sphere_radii())
+    largest = 1.08 * float(max(true.max(), read.high.max()))
+    pictures = [
+        drawn(
+            frame(
+                float(u[i]), near[i], seen[i], push[i], centres[i], radii, true[i],
+                (read.forces[i], read.low[i], read.high[i]), largest,
+            )
+        )
+        for i in range(len(u))
+    ]  # fmt: skip
+    top = len(u) // 2
+    order = [0] * HOLD + list(range(top)) + [top] * HOLD + list(range(top, len(u)))
+    palette = pictures[top].quantize(COLOURS)
+    frames = [pictures[i].quantize(palette=palette, dither=Image.Dither.NONE) for i in order]
+    frames[0].save(
+        TARGET, save_all=True, append_images=frames[1:], duration=MILLISECONDS, loop=0, optimize=True
+    )
+    print(f"wrote {TARGET}, {TARGET.stat().st_size / 2**20:.2f} MiB, {len(frames)} frames")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,98 @@
+"""Tables of docs/benchmarks.md and docs/matlab.md, from docs/results/bench.json and the shipped network."""
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import onnx
+
+from exosight.control.estimator import DEFAULT_MODEL
+
+HERE = Path(__file__).parent
+BENCH = HERE / "results" / "bench.json"
+
+TITLES = {
+    "equilibria": "Equilibria of the worn exosuit",
+    "renderer": "Pictures",
+    "dataset": "The paper's dataset, whole",
+}
+UNITS = {
+    "seconds": "s",
+    "equilibria_per_second": "1/s",
+    "microseconds_per_iteration": "µs",
+    "matrix_product_rate": "Gflop/s",
+    "resolve_milliseconds": "ms",
+    "first_call_seconds": "s",
+    "cached_call_seconds": "s",
+    "memory": "MiB",
+    "frames_per_second": "1/s",
+}
+
+
+def bench_tables(found: dict[str, Any]) -> str:
+    """What was measured, a table a benchmark."""
+    lines = [f"Load average before the run: {found['load_before']} on {found['cores']} cores.", ""]
+    for name, title in TITLES.items():
+        lines += [f"## {title}", "", "| quantity | value | unit |", "| --- | --- | --- |"]
+        for key, value in found[name].items():
+            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
+            lines.append(f"| {key.replace('_', ' ')} | {shown} | {UNITS.get(key, '')} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def onnx_table(path: Path) -> str:
+    """Versions, inputs, outputs and operators of a network's file."""
+    model = onnx.load(path)
+    graph = model.graph
+
+    def size(value: Any) -> str:
+        return ", ".join(each.dim_param or str(each.dim_value) for each in value.type.tensor_type.shape.dim)
+
+    def tensors(values: Any) -> str:
+        return ", ".join(f"`{value.name}` ({size(value)})" for value in values)
+
+    operators = Counter(node.op_type for node in graph.node)
+    versions = ", ".join(f"{each.domain or 'ai.onnx'} {each.version}" for each in model.opset_import)
+    rows = {
+        "intermediate representation": str(model.ir_version),
+        "operator set": versions,
+        "input": tensors(graph.input),
+        "outputs": tensors(graph.output),
+        "operators": ", ".join(f"{name} {count}" for name, count in sorted(operators.items())),
+    }
+    heads = f"| `{path.name}` | |\n| --- | --- |\n"
+    return heads + "\n".join(f"| {name} | {value} |" for name, value in rows.items()) + "\n"
+
+
+def into_page(page: str, mark: str, table: str) -> str:
+    """The page with a table between `<!-- mark -->` and `<!-- end -->`."""
+    before, found, rest = page.partition(f"<!-- {mark} -->\n")
+    _, end, after = rest.partition("<!-- end -->")
+    if not (found and end):
+        raise ValueError(f"no place for {mark} on the page")
+    return f"{before}{found}{table}{end}{after}"
+
+
+def pages() -> dict[Path, str]:
+    """Every page that this makes, as it should be."""
+    made = {}
+    for name, mark, table in (
+        ("benchmarks.md", "bench", bench_tables(json.loads(BENCH.read_text()))),
+        ("matlab.md", "onnx", onnx_table(DEFAULT_MODEL)),
+    ):
+        path = HERE / name
+        made[path] = into_page(path.read_text(encoding="utf-8"), mark, table)
+    return made
+
+
+def main() -> None:
+    """Write them."""
+    for path, text in pages().items():
+        path.write_text(text, encoding="utf-8")
+        print(f"wrote {path}")
+
+
+if __name__ == "__main__":
+    main()

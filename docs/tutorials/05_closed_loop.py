@@ -1,0 +1,105 @@
+"""
+Closed loop
+===========
+
+From the paper's law to a controller that knows its exosuit, behind a guard that lets go when a camera fails.
+"""
+
+# %%
+# The paper's law
+# ---------------
+#
+# u_k = u_{k−1} + K_P e_k. With the true force as its sensor it needs no network, and shows what the plant
+# alone does: at 0.30 N the exosuit snaps on the way, and the force overshoots.
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from exosight.control import (
+    CONTROL_SHAPE,
+    Guarded,
+    OnnxEstimator,
+    Proportional,
+    Scheduled,
+    Sight,
+    hold,
+    hold_and_release,
+    run,
+    run_guarded,
+    sight_from,
+    true_force,
+)
+from exosight.control.estimator import DEFAULT_MODEL
+from exosight.control.simulated import SimulatedPlant
+from exosight.exosuit.assembly import Exosuit
+
+exosuit = Exosuit(CONTROL_SHAPE)
+plant = SimulatedPlant(exosuit)
+plain = run(plant, Proportional(5.0), true_force, hold(0.30, 20))
+print(f"largest force on the way to 0.30 N: {plain.F_net_true.max():.3f} N")
+
+# %%
+# Tuned from the simulation
+# -------------------------
+#
+# ``tune`` solves the worn exosuit once up and once down: gains from its slopes, limits from its contacts,
+# and the jumps, which no law can rest inside.
+
+from exosight.control.tuning import tune
+
+config = tune(exosuit, contact_limit=0.5, rate=10.0)
+for before, after in config.loading.jumps:
+    print(f"on the way up F_net jumps from {before:.3f} N to {after:.3f} N")
+print(f"u stays within {config.unloading.u[-1]:.1f}…{config.loading.u[-1]:.2f} N")
+
+# %%
+# Through the camera, behind the guard
+# ------------------------------------
+#
+# The shipped network looks at each picture, and the guard at the network: is the picture like those learned
+# from, are the intervals narrow, does the camera still move?
+
+network = OnnxEstimator.load(DEFAULT_MODEL)
+guarded = Guarded(Scheduled(config))
+record = run_guarded(plant, guarded, sight_from(network), hold_and_release(0.25, 15))
+print(f"F_net held: true {record.F_net_true[14]:.3f} N, after the release {record.F_net_true[-1]:.3f} N")
+print(f"changes of state: {len(guarded.log)}")
+
+# %%
+# A camera that fails
+# -------------------
+#
+# From step 10 on no frame comes. The guard holds, and then lets go, blindly, within a second.
+
+see, steps = sight_from(network), iter(range(1000))
+
+
+def failing(observation):
+    return see(observation) if next(steps) < 10 else Sight(u=observation.u)
+
+
+failed = run_guarded(plant, guarded, failing, hold(0.25, 25))
+for change in guarded.log:
+    print(f"step {change.step}: {change.before.value} → {change.after.value}, {change.cause}")
+print(f"F_net at the end: {failed.F_net_true[-1]:.3f} N")
+
+# %%
+figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+for ax, shown, title in zip(
+    figure.subplots(1, 2, sharey=True),
+    (record, failed),
+    ("held and released", "no frame after 1 s"),
+    strict=True,
+):
+    ax.plot(shown.time, shown.target, "--", color="#999999", label="target")
+    ax.plot(shown.time, shown.F_net_true, "o-", color="#0072B2", markersize=3, label="true F_net")
+    seen = np.isfinite(shown.F_net_estimated)
+    ax.plot(
+        shown.time[seen], shown.F_net_estimated[seen], "x", color="#D55E00", markersize=4, label="estimated"
+    )
+    ax.set(xlabel="time [s]", ylabel="force [N]", title=title)
+    ax.spines[["top", "right"]].set_visible(False)
+ax.legend(frameon=False)
+
+# %%
+# What it cannot do, and what every number of the guard means: :doc:`/control`.
