@@ -12,7 +12,7 @@ def export(out: Path, data: MaybePath = None, path: MaybePath = None) -> None:
     """Write a dataset or a simulated path in a format that other programs read.
 
     The ending of --out decides: .mat (MATLAB, Octave), .npz (NumPy), and for a dataset a folder with
-    frames.csv and images/*.png, for a path .csv. What the arrays mean: docs/matlab.md and docs/conventions.md.
+    frames.csv and images/*.png, for a path .csv. What the arrays mean: docs/matlab.md, docs/conventions.md.
 
     Examples:
       exosight export --data results/data --out results/data.mat
