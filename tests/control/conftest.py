@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from exosight.control import Observation
+from exosight.control import ControllerConfig, ForcePath, Observation
 from exosight.errors import InputError
 
 
@@ -37,3 +37,23 @@ class ToyPlant:
 @pytest.fixture
 def toy() -> type[ToyPlant]:
     return ToyPlant
+
+
+@pytest.fixture
+def straight_config() -> ControllerConfig:
+    """What a controller knows of a plant whose C3 presses with 0.1 u, at 10 steps a second and 1 N a step."""
+
+    def path(u: np.ndarray) -> ForcePath:
+        forces = np.zeros((len(u), 7))
+        forces[:, 2] = 0.1 * np.maximum(u, 0.0)
+        return ForcePath(u, forces, np.zeros(len(u), bool))
+
+    return ControllerConfig(
+        loading=path(np.linspace(0.0, 5.0, 51)),
+        unloading=path(np.linspace(5.0, -1.0, 61)),
+        contact_limit=np.full(7, 0.4),
+        rate=10.0,
+        period=0.1,
+        smallest_gain=5.0,
+        largest_gain=20.0,
+    )

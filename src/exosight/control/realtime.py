@@ -1,0 +1,155 @@
+"""The loop in real time: see, estimate, decide, act, at a fixed rate; however it ends, u goes back to 0.
+
+see       the newest frame of a source; of a simulated plant, rendering
+estimate  the network
+decide    guard and law
+act       the actuator; of a simulated plant, solving
+"""
+
+import time
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from exosight.control.actuators import Actuator
+from exosight.control.estimator import Reading
+from exosight.control.guard import Guarded, Sight, State
+from exosight.control.paths import limited
+from exosight.control.sources import Frame, Source
+from exosight.errors import DataError, InputError
+
+STAGES = ("see", "estimate", "decide", "act")
+
+Read = Callable[[UInt8[np.ndarray, "frames height width"]], Reading]
+"""What a network reads off pictures: `OnnxEstimator.read`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step of the loop as it happened.
+
+    time     since the first step began [s]
+    target   F_t [N]
+    sight    what the guard was shown
+    forces   (7,)  true forces on C1…C7 [N]; None: nobody knows
+    u        actuation that was asked for [N]
+    state    of the guard after it
+    cause    of a change of state in this step; empty if there was none
+    seconds  (4,)  that see, estimate, decide and act took [s]
+    late     how long after its time the step began [s]
+    """
+
+    time: float
+    target: float
+    sight: Sight
+    forces: Float[np.ndarray, "7"] | None
+    u: float
+    state: State
+    cause: str
+    seconds: Float[np.ndarray, "4"]
+    late: float
+
+
+@dataclass(frozen=True)
+class Clock:
+    """Seconds since some moment that never jump, and a way to let them pass."""
+
+    now: Callable[[], float] = time.monotonic
+    sleep: Callable[[float], None] = time.sleep
+
+
+REAL_TIME = Clock()
+
+
+def run_live(
+    source: Source,
+    read: Read,
+    guarded: Guarded,
+    actuator: Actuator,
+    target: Iterable[float],
+    done: Callable[[Step], None] = lambda step: None,
+    clock: Clock = REAL_TIME,
+) -> None:
+    """Follow a target until it ends or the source does; every step waits for its time.
+
+    Each step begins a period after the one before, or later: lost time is not caught up with. Whatever ends
+    the loop, an exception of anyone and Ctrl-C included, u first returns to 0 at the rate limit; a second
+    Ctrl-C cuts that short, and leaves the rest to `Actuator.close`.
+
+    target   F_t of each step [N], a finite number; `itertools.repeat(0.2)` goes on until it is stopped
+    done     called with every step; what it raises ends the loop
+    """
+    guarded.reset()
+    period, u = guarded.config.period, 0.0
+    try:
+        actuator.apply(u)
+        begin = due = clock.now() + period
+        for force in target:
+            clock.sleep(max(0.0, due - clock.now()))
+            started = clock.now()
+            late, due = started - due, started + period
+            try:
+                frame = next(source)
+            except StopIteration:
+                return
+            seen = clock.now()
+            reading = _read(read, frame)
+            estimated = clock.now()
+            sight = Sight() if frame is None else _sight(frame, reading, estimated)
+            changes = len(guarded.log)
+            u = guarded.step(force, sight)
+            decided = clock.now()
+            actuator.apply(u)
+            seconds = np.diff([started, seen, estimated, decided, clock.now()])
+            cause = guarded.log[-1].cause if len(guarded.log) > changes else ""
+            known = None if frame is None else frame.forces
+            done(Step(started - begin, float(force), sight, known, u, guarded.state, cause, seconds, late))
+    finally:
+        _let_go(guarded, actuator, u, clock)
+
+
+def _sight(frame: Frame, reading: Reading | None, now: float) -> Sight:
+    return Sight(frame.image, reading, age=now - frame.time, u=frame.u)
+
+
+def _read(read: Read, frame: Frame | None) -> Reading | None:
+    """What the network says; nothing if it answers no number."""
+    if frame is not None:
+        with suppress(DataError):
+            return read(frame.image[None])
+    return None
+
+
+def _let_go(guarded: Guarded, actuator: Actuator, u: float, clock: Clock) -> None:
+    while u != 0:
+        clock.sleep(guarded.config.period)
+        u = limited(guarded.config, u, 0.0)
+        actuator.apply(u)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """How long a stage took, over all steps [s]."""
+
+    stage: str
+    p50: float
+    p99: float
+    largest: float
+
+
+def timings(seconds: Float[np.ndarray, "steps 4"]) -> tuple[Timing, ...]:
+    """Of each stage, and of the whole step, which is from asking for a frame to the actuator.
+
+    Raises InputError if there is no step.
+    """
+    if not len(seconds):
+        raise InputError("timings: expected at least one step, got none")
+    columns = np.column_stack([seconds, seconds.sum(axis=1)])
+    values = np.quantile(columns, [0.5, 0.99, 1.0], axis=0)
+    return tuple(
+        Timing(stage, *(float(value) for value in values[:, i]))
+        for i, stage in enumerate((*STAGES, "whole step"))
+    )

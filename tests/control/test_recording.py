@@ -1,0 +1,231 @@
+"""Recordings: what is written is read and replays to the same numbers, killed or on a full disk too."""
+
+import itertools
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from exosight.control import ControllerConfig, GuardConfig, Guarded, OnnxEstimator, Scheduled, State
+from exosight.control.estimator import DEFAULT_MODEL, Reading
+from exosight.control.realtime import Clock, Step, run_live
+from exosight.control.recording import STATES, Recorder, checksum, read_recording, replay
+from exosight.control.sources import Frame
+from exosight.errors import DataError, InputError
+from exosight.vision.unlike import unlike_images
+
+SHAPE = (4, 6)
+
+
+def read(images: np.ndarray) -> Reading:
+    """A made-up network: the force on C3 is a gray value, of which 255 is no number."""
+    gray = int(images[0, 0, 0])
+    if gray == 255:
+        raise DataError("the network answers forces that are not finite")
+    forces = np.zeros((1, 7), np.float32)
+    forces[0, 2] = gray / 500
+    return Reading(forces, forces - 0.001, forces + 0.001, forces, np.array([0.1], np.float32))
+
+
+def frames(count: int, clock: Clock) -> Iterator[Frame | None]:
+    """Pictures of a force that comes and goes, a few of them lost or unreadable."""
+    for i in range(count):
+        image = np.zeros(SHAPE, np.uint8)
+        image[0, 0] = 255 if i == 7 else int(100 + 80 * np.sin(i / 4))
+        image[1, i % 6] = 200
+        yield None if i in (11, 12, 13) else Frame(image, clock.now(), None, np.full(7, 0.01 * i))
+
+
+def run(path: Path, config: ControllerConfig, count: int = 47) -> list[Step]:
+    """Record a run; the network's file is any file."""
+    steps: list[Step] = []
+    moment = itertools.count()
+    guarded = Guarded(Scheduled(config), GuardConfig(doubtful_width=0.5))
+    recorder = Recorder(path, SHAPE, guarded, Path(__file__))
+
+    class Hand:
+        def apply(self, u: float) -> None:
+            pass
+
+        def close(self) -> None:
+            pass
+
+    def done(step: Step) -> None:
+        steps.append(step)
+        recorder.append(step)
+
+    clock = Clock(lambda: next(moment) / 1000, lambda seconds: None)
+    run_live(frames(count, clock), read, guarded, Hand(), [0.3] * 100, done, clock)
+    recorder.close()
+    return steps
+
+
+def test_what_is_recorded_is_read(tmp_path: Path, straight_config: ControllerConfig) -> None:
+    steps = run(tmp_path / "run.h5", straight_config)
+    told = read_recording(tmp_path / "run.h5")
+    assert len(told) == len(steps) == 47
+    np.testing.assert_array_equal(told.u, [step.u for step in steps])
+    np.testing.assert_array_equal(
+        told.age[told.seen], [step.sight.age for step in steps if step.sight.image is not None]
+    )
+    np.testing.assert_array_equal(told.seconds, [step.seconds for step in steps])
+    assert [STATES[i] for i in told.state] == [step.state for step in steps]
+    assert [cause.decode() for cause in told.cause] == [step.cause for step in steps]
+    assert np.flatnonzero(~told.seen).tolist() == [11, 12, 13]
+    assert np.flatnonzero(~told.estimated).tolist() == [7, 11, 12, 13]
+    assert np.isnan(told.forces_true[11]).all()
+    np.testing.assert_array_equal(told.forces_true[20], np.full(7, 0.01 * 20))
+    for i in (0, 20, 46):
+        np.testing.assert_array_equal(told.images[i], steps[i].sight.image)
+    assert told.guard.doubtful_width == 0.5
+    assert told.model == checksum(Path(__file__))
+    np.testing.assert_array_equal(told.controller.unloading.forces, straight_config.unloading.forces)
+
+
+def test_it_replays_to_the_same_numbers(tmp_path: Path, straight_config: ControllerConfig) -> None:
+    run(tmp_path / "run.h5", straight_config)
+    told = read_recording(tmp_path / "run.h5")
+    assert {STATES[i] for i in told.state} >= {State.NORMAL, State.HOLD}  # the guard had something to do
+    again = replay(told, read)
+    np.testing.assert_array_equal(again.forces, told.forces)
+    np.testing.assert_array_equal(again.u, told.u)
+    np.testing.assert_array_equal(again.state, told.state)
+
+
+def test_another_network_replays_to_other_numbers(tmp_path: Path, straight_config: ControllerConfig) -> None:
+    run(tmp_path / "run.h5", straight_config)
+    told = read_recording(tmp_path / "run.h5")
+    again = replay(told, lambda images: read(np.minimum(images, 200) // 2))
+    assert np.abs(again.u - told.u).max() > 0.1
+
+
+def test_the_shipped_network_replays_to_the_same_numbers(
+    tmp_path: Path, straight_config: ControllerConfig
+) -> None:
+    network, guarded = OnnxEstimator.load(DEFAULT_MODEL), Guarded(Scheduled(straight_config))
+    pictures = unlike_images("text", 6, 0)
+    recorder = Recorder(tmp_path / "run.h5", pictures.shape[1:], guarded, DEFAULT_MODEL)
+    for number, image in enumerate(pictures):
+        from exosight.control import Sight
+
+        sight = Sight(image, network.read(image[None]), 0.01)
+        u = guarded.step(0.2, sight)
+        recorder.append(Step(number / 10, 0.2, sight, None, u, guarded.state, "", np.zeros(4), 0.0))
+    recorder.close()
+    told = read_recording(tmp_path / "run.h5")
+    again = replay(told, network.read)
+    np.testing.assert_array_equal(again.forces, told.forces)
+    np.testing.assert_array_equal(again.state, told.state)
+
+
+def test_a_file_is_not_overwritten(tmp_path: Path, straight_config: ControllerConfig) -> None:
+    (tmp_path / "run.h5").write_text("precious")
+    with pytest.raises(DataError, match="exists already"):
+        Recorder(tmp_path / "run.h5", SHAPE, Guarded(Scheduled(straight_config)), Path(__file__))
+    assert (tmp_path / "run.h5").read_text() == "precious"
+    with pytest.raises(DataError, match="cannot be written"):
+        Recorder(tmp_path / "no" / "run.h5", SHAPE, Guarded(Scheduled(straight_config)), Path(__file__))
+
+
+def test_a_killed_process_leaves_its_whole_seconds(tmp_path: Path, straight_config: ControllerConfig) -> None:
+    steps = run(tmp_path / "whole.h5", straight_config)
+    guarded = Guarded(Scheduled(straight_config), GuardConfig(doubtful_width=0.5))
+    recorder = Recorder(tmp_path / "run.h5", SHAPE, guarded, Path(__file__))
+    for step in steps:
+        recorder.append(step)
+    shutil.copy(tmp_path / "run.h5", tmp_path / "killed.h5")  # what a kill would leave, the file being open
+    recorder.close()
+    told = read_recording(tmp_path / "killed.h5")
+    assert len(told) == 40
+    np.testing.assert_array_equal(told.u, [step.u for step in steps[:40]])
+
+
+FULL_DISK = """
+import resource, signal, sys
+from pathlib import Path
+import numpy as np
+from exosight.control import ControllerConfig, ForcePath, Guarded, Scheduled, Sight, State
+from exosight.control.realtime import Step
+from exosight.control.recording import Recorder
+from exosight.errors import DataError
+
+def path(u):
+    return ForcePath(u, np.outer(np.maximum(u, 0), np.full(7, 0.01)), np.zeros(len(u), bool))
+
+config = ControllerConfig(
+    path(np.linspace(0, 5, 51)), path(np.linspace(5, -1, 61)), np.full(7, 0.4), 10.0, 0.1, 5.0, 20.0
+)
+recorder = Recorder(Path(sys.argv[1]), (128, 128), Guarded(Scheduled(config)), Path(sys.argv[2]))
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
+rng = np.random.default_rng(0)
+try:
+    for i in range(100):
+        sight = Sight(rng.integers(0, 256, (128, 128), dtype=np.uint8))
+        recorder.append(Step(i / 10, 0.2, sight, None, 0.0, State.NORMAL, "", np.zeros(4), 0.0))
+except DataError as error:
+    print("told:", error)
+try:
+    recorder.close()
+except DataError:
+    pass
+"""
+
+
+def test_a_full_disk_is_told_of_once(tmp_path: Path) -> None:
+    """A limit on the size of files stands in for the disk: writing fails in the same way."""
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, str(tmp_path / "run.h5"), __file__],
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("told:") == 1
+    assert "run.h5: cannot be written" in done.stdout
+
+
+@pytest.mark.parametrize("keep", [0, 100, 3000])
+def test_a_damaged_file_is_refused(tmp_path: Path, straight_config: ControllerConfig, keep: int) -> None:
+    run(tmp_path / "run.h5", straight_config)
+    (tmp_path / "cut.h5").write_bytes((tmp_path / "run.h5").read_bytes()[:keep])
+    with pytest.raises(DataError, match="damaged"):
+        read_recording(tmp_path / "cut.h5")
+
+
+def test_another_file_is_refused(tmp_path: Path, straight_config: ControllerConfig) -> None:
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["time"] = [0.0]
+    with pytest.raises(DataError, match="not a recording"):
+        read_recording(tmp_path / "other.h5")
+    with pytest.raises(DataError, match="not found"):
+        read_recording(tmp_path / "missing.h5")
+
+
+@pytest.mark.parametrize("name", ["u", "images", "controller/contact_limit"])
+def test_a_file_that_lacks_something_is_refused(
+    tmp_path: Path, straight_config: ControllerConfig, name: str
+) -> None:
+    run(tmp_path / "run.h5", straight_config)
+    with h5py.File(tmp_path / "run.h5", "a") as file:
+        del file[name]
+        file[name] = h5py.ExternalLink("elsewhere.h5", "/secret")
+    with pytest.raises(DataError, match="damaged"):
+        read_recording(tmp_path / "run.h5")
+
+
+def test_a_run_without_a_whole_second_has_no_step(tmp_path: Path, straight_config: ControllerConfig) -> None:
+    Recorder(tmp_path / "run.h5", SHAPE, Guarded(Scheduled(straight_config)), Path(__file__)).close()
+    with pytest.raises(DataError, match="no step"):
+        read_recording(tmp_path / "run.h5")
+
+
+def test_a_network_of_another_size_is_refused(tmp_path: Path, straight_config: ControllerConfig) -> None:
+    run(tmp_path / "run.h5", straight_config)
+    with pytest.raises(InputError, match="images"):
+        replay(read_recording(tmp_path / "run.h5"), OnnxEstimator.load(DEFAULT_MODEL).read)
