@@ -4,7 +4,7 @@
 may depend on what all of them showed. Nothing but poses and loads crosses between Python and compiled code.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import NamedTuple
@@ -64,7 +64,7 @@ def march(
         # The last load is the one asked for, to the last digit.
         loads = np.where((number == steps[:, None])[:, :, None], end[:, None], loads)
         own = np.flatnonzero(left)
-        for part, (found, count) in _solve(robots, q, loads, left, own[np.argsort(-left[own])], options):
+        for part, found, count in _solve(robots, q, loads, left, own[np.argsort(-left[own])], options):
             moved = part[count > 0]
             q[moved] = found[count > 0]
             at[moved] = loads[moved, count[count > 0] - 1]
@@ -79,43 +79,39 @@ def _solve(
     left: Int[np.ndarray, " robots"],
     order: Int[np.ndarray, " some"],
     options: SolverOptions,
-) -> Sequence[tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]]:
-    """For each part of the robots named in `order`: who, their last equilibria, and how many they solved."""
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """For each group of the robots in `order`: who, their last equilibria, how many loads they solved."""
     lanes = min(width(options.lanes), 1 << (len(q) - 1).bit_length())
-    groups = -(-len(q) // lanes)
-    workers = min(cores(), groups) if jax.default_backend() == "cpu" else 1
-    room = -(-groups // workers) * lanes  # of every call, whatever the number of robots that still move
+    leaves, structure = jax.tree.flatten(robots)
+    leaves = [np.asarray(leaf) for leaf in leaves]
 
-    def work(worker: int) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        # Neighbours in the order have about as much to do, and share a group; groups go round the workers.
-        own = [order[at : at + lanes] for at in range(worker * lanes, len(order), workers * lanes)]
-        part = np.concatenate([order[:0], *own])
-        padded = np.concatenate([part, np.zeros(room - len(part), int)])
-        count = np.where(np.arange(room) < len(part), left[padded], 0)
-        found, solved = _compiled(
-            robots, q[padded], loads[padded], count, padded, options.tolerance, options.max_iterations, lanes
-        )
-        return part, (np.asarray(found)[: len(part)], np.asarray(solved)[: len(part)])
+    def work(group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        # Always the same number of lanes, so that code is compiled once; spare ones have nothing to do.
+        rows = np.concatenate([group, np.repeat(group[:1], lanes - len(group))])
+        count = np.where(np.arange(lanes) < len(group), left[rows], 0)
+        own = jax.tree.unflatten(structure, [leaf[rows] for leaf in leaves])
+        found, solved = _compiled(own, q[rows], loads[rows], count, options.tolerance, options.max_iterations)
+        return group, np.asarray(found)[: len(group)], np.asarray(solved)[: len(group)]
 
-    if workers == 1:
-        return [work(0)]
-    with ThreadPoolExecutor(max_workers=workers) as pool:  # compiled calls release Python's lock
-        return list(pool.map(work, range(workers)))
+    # Neighbours in the order have about as much to do.
+    groups = [order[first : first + lanes] for first in range(0, len(order), lanes)]
+    if len(groups) < 2 or jax.default_backend() != "cpu":
+        yield from map(work, groups)
+        return
+    with ThreadPoolExecutor(max_workers=cores()) as pool:  # compiled calls release Python's lock
+        yield from pool.map(work, groups)
 
 
-@partial(
-    jax.jit, static_argnames="lanes", compiler_options={"xla_cpu_multi_thread_eigen": False}
-)  # as in `lanes`
+# One thread an operation, as in `lanes`: the lanes of a thread are its work.
+@partial(jax.jit, compiler_options={"xla_cpu_multi_thread_eigen": False})
 def _compiled(
     robots: Robot,
-    q: Float[Array, "room dofs"],
-    loads: Float[Array, "room steps channels"],
-    count: Int[Array, " room"],
-    number: Int[Array, " room"],
+    q: Float[Array, "lanes dofs"],
+    loads: Float[Array, "lanes room channels"],
+    count: Int[Array, " lanes"],
     tolerance: float | Array,
     max_iterations: int | Array,
-    lanes: int,
-) -> tuple[Float[Array, "room dofs"], Int[Array, " room"]]:
+) -> tuple[Float[Array, "lanes dofs"], Int[Array, " lanes"]]:
     """The last equilibrium of each robot, and how many of its loads were solved one after the other."""
 
     def one(robot: Robot, q: Array, loads: Array, count: Array) -> tuple[Array, Array]:
@@ -132,15 +128,4 @@ def _compiled(
         solved = jnp.sum(jnp.cumprod(path.converged & (jnp.arange(places) < count)))
         return jnp.where(solved > 0, path.found[solved - 1], q), solved
 
-    def group(parts: tuple) -> tuple[Array, Array]:
-        number, q, loads, count = parts
-
-        def solve() -> tuple[Array, Array]:
-            own = jax.tree.map(lambda leaf: leaf[number], robots)
-            return jax.vmap(one, axis_name="lanes")(own, q, loads, count)
-
-        return jax.lax.cond(count.max() > 0, solve, lambda: (q, jnp.zeros_like(count)))
-
-    parts = jax.tree.map(lambda leaf: leaf.reshape(-1, lanes, *leaf.shape[1:]), (number, q, loads, count))
-    found, solved = jax.lax.map(group, parts)
-    return found.reshape(q.shape), solved.reshape(count.shape)
+    return jax.vmap(one, axis_name="lanes")(robots, q, loads, count)

@@ -54,7 +54,7 @@ class Path(NamedTuple):
     bumps: Bool[AnyArray, " loads"]
 
 
-def begin(q: Float[np.ndarray, " dofs"], room: int, channels: int) -> Path:
+def begin(q: Float[AnyArray, " dofs"], room: int, channels: int) -> Path:
     """A path with room for so many loads about to start from q; in NumPy, as it is filled in from Python."""
     dofs = len(q)
     zeros: Any = np.zeros
