@@ -1,6 +1,7 @@
 """The points along a rod: where energy is integrated, poses are computed and spheres sit."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
@@ -39,19 +40,21 @@ class Gauss:
     @property
     def points(self) -> Float[np.ndarray, " points"]:
         """X in [0, 1], ascending."""
-        return self._rule()[0]
+        return _rule(self)[0].copy()
 
     @property
     def weights(self) -> Float[np.ndarray, " points"]:
         """Weights that sum to one; times the rod's length they integrate over arc length."""
-        return self._rule()[1]
+        return _rule(self)[1].copy()
 
-    def _rule(self) -> tuple[np.ndarray, np.ndarray]:
-        nodes, weights = np.polynomial.legendre.leggauss(self.per_element)
-        starts = np.arange(self.elements)[:, None]
-        x = ((starts + (nodes + 1) / 2) / self.elements).ravel()
-        w = np.tile(weights / 2 / self.elements, self.elements)
-        ends = np.linspace(0, 1, self.elements + 1) if self.element_ends else np.array([0.0, 1.0])
-        x, w = np.concatenate([x, ends]), np.concatenate([w, np.zeros(len(ends))])
-        order = np.argsort(x)
-        return x[order], w[order]
+
+@lru_cache(maxsize=64)
+def _rule(gauss: Gauss) -> tuple[np.ndarray, np.ndarray]:
+    nodes, weights = np.polynomial.legendre.leggauss(gauss.per_element)
+    starts = np.arange(gauss.elements)[:, None]
+    x = ((starts + (nodes + 1) / 2) / gauss.elements).ravel()
+    w = np.tile(weights / 2 / gauss.elements, gauss.elements)
+    ends = np.linspace(0, 1, gauss.elements + 1) if gauss.element_ends else np.array([0.0, 1.0])
+    x, w = np.concatenate([x, ends]), np.concatenate([w, np.zeros(len(ends))])
+    order = np.argsort(x)
+    return x[order], w[order]
