@@ -28,23 +28,23 @@ class Slider:
     start: float
 
 
-_GROUPS = {
+_GROUPS: dict[str, tuple[tuple[str, str, str, float, float], ...]] = {
     "Exosuit": (
         ("length", "Length", "mm", 1e3, 1e-4),
         ("young", "Young's modulus", "kPa", 1e-3, 1e4),
         ("gap", "Gap at the base", "mm", 1e3, 1e-4),
     ),
     "Finger": (
-        ("finger_length", "Length", "%", 100, 0.01),
-        ("finger_radius", "Radius", "%", 100, 0.01),
-        ("joint_stiffness", "Joint stiffness", "%", 100, 0.01),
+        ("finger_length", "Length", "%", 100.0, 0.01),
+        ("finger_radius", "Radius", "%", 100.0, 0.01),
+        ("joint_stiffness", "Joint stiffness", "%", 100.0, 0.01),
     ),
     "Camera": (
-        ("shift_x", "Shift right", "%", 100, 0.01),
-        ("shift_y", "Shift down", "%", 100, 0.01),
-        ("roll", "Turn", "mrad", 1e3, 0.01),
-        ("zoom", "Zoom", "%", 100, 0.01),
-        ("tilt", "Tilt", "mrad", 1e3, 0.01),
+        ("shift_x", "Shift right", "%", 100.0, 0.01),
+        ("shift_y", "Shift down", "%", 100.0, 0.01),
+        ("roll", "Turn", "rad", 1.0, 0.01),
+        ("zoom", "Zoom", "%", 100.0, 0.01),
+        ("tilt", "Tilt", "rad", 1.0, 0.01),
     ),
 }
 
@@ -59,11 +59,11 @@ _PARAMETERS = {
 STARTS: dict[str, tuple[float, ...]] = {
     "linear": View().parameters,
     "sine": (0.008, -5.0),
-    "cosine_sum": (-12.0, -8.0, -6.0, -4.0, -3.0, -2.0, -1.0),
+    "cosine_sum": (-15.0, -15.0, -15.0, -15.0, -12.0, -9.0, -6.0),
     "sine_cosine": (0.007, 1.5, 2.5, 0.5, 1.0),
     "legendre": (0.35, 0.1, 0.2, 0.3, 0.2, 0.1),
 }
-"""Parameters of each family when it is chosen: typical ones, neither end clipped."""
+"""Parameters of each family when it is chosen: ones whose radius varies."""
 
 _FAMILY_WORDS = {
     "linear": "linear taper",
@@ -115,8 +115,8 @@ def about() -> dict[str, Any]:
         ],
         "corruptions": _options(get_args(Corruption), _CORRUPTION_WORDS),
         "run": {
-            "target": asdict(_slider("target", "Target F_net", "N", 1, 0.01, of_run, run)),
-            "gain": {**asdict(_slider("gain", "Gain K_P", "N/N", 1, 0.01, of_run, run)), "log": True},
+            "target": asdict(_slider("target", "Target F_net", "N", 1.0, 0.01, of_run, run)),
+            "gain": {**asdict(_slider("gain", "Gain K_P", "N/N", 1.0, 0.01, of_run, run)), "log": True},
             "laws": _options(get_args(Law), _LAW_WORDS),
             "sensors": _options(get_args(Sensor), _SENSOR_WORDS),
             "disturbances": _options(get_args(Disturbance), _DISTURBANCE_WORDS),

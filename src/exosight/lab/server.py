@@ -245,6 +245,7 @@ def listen(host: str, port: int) -> socket.socket:
 
     Raises InputError if the host is none of this machine's, or the port is taken.
     """
+    listener = None
     try:
         family, *_, address = socket.getaddrinfo(
             host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
@@ -253,6 +254,8 @@ def listen(host: str, port: int) -> socket.socket:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)
     except OSError as error:
+        if listener is not None:
+            listener.close()
         raise InputError(
             f"lab: {host}, port {port}: {error.strerror}; choose another --port or --host"
         ) from error
@@ -266,7 +269,7 @@ def address_of(host: str, listener: socket.socket, token: str | None) -> str:
 
 
 def access(host: str) -> tuple[frozenset[str] | None, str | None]:
-    """Names under which a host may be asked, and the token that it demands, if it is not this machine alone."""
+    """Names under which a host may be asked, and the token that it demands; none on this machine alone."""
     if host in LOOPBACK:
         return LOOPBACK, None
     everywhere = host in ("", "0.0.0.0", "::")

@@ -36,7 +36,7 @@ def _on_grid(value: float) -> float:
     nearest = round(value / STEP)
     if abs(value - nearest * STEP) > 1e-6:
         raise ValueError(f"expected multiples of {STEP:g} N")
-    return nearest * STEP
+    return round(nearest * STEP, 10)
 
 
 Actuation = Annotated[float, Field(ge=0.0, le=LARGEST, allow_inf_nan=False), AfterValidator(_on_grid)]

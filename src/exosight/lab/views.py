@@ -43,7 +43,7 @@ CAMERA = Camera()
 
 _WORDS = {
     "not_converged": "no stable pose was found at this actuation; what is seen is the best point",
-    "crosses_itself": "the exosuit's axis crosses itself, which the rod does not feel; datasets drop such frames",
+    "crosses_itself": "the exosuit crosses itself, which the rod does not feel; datasets drop such frames",
     "tip_below_finger": "the exosuit's tip lies below the fingertip; datasets drop such frames",
 }
 
@@ -87,12 +87,13 @@ class Seen:
 
 def exosuit_of(view: View) -> Exosuit:
     """The worn exosuit of a view."""
+    longer, stiffer = view.finger_length, view.joint_stiffness
     return varied(
         Exosuit(shape_of(view), young=view.young, gap=view.gap),
         Variant(
-            link_length=(view.finger_length,) * 4,
+            link_length=(longer, longer, longer, longer),
             finger_radius=view.finger_radius,
-            joint_stiffness=(view.joint_stiffness,) * 3,
+            joint_stiffness=(stiffer, stiffer, stiffer),
         ),
     )
 

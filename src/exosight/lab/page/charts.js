@@ -31,7 +31,7 @@ export function forceTable(host, withTruth) {
       whisker.setAttribute("x1", share(low));
       whisker.setAttribute("x2", share(high));
       dot.setAttribute("cx", share(estimated));
-      const words = [estimated.toFixed(3), `${low.toFixed(2)}–${high.toFixed(2)}`];
+      const words = [estimated.toFixed(3), `${low.toFixed(3)}–${high.toFixed(3)}`];
       if (truth) words.unshift(truth[i + 1].toFixed(3));
       words.forEach((each, k) => { if (cells[k].textContent !== each) cells[k].textContent = each; });
     });
@@ -52,7 +52,7 @@ export function lineChart(host, label, unitX, unitY) {
     last = what;
     const width = host.clientWidth, height = drawing.clientHeight;
     if (!width || !height) return;
-    const [x0, y0, x1, y1] = [44, 12, width - 12, height - 34];
+    const [x0, y0, x1, y1] = [44, 26, width - 12, height - 36];
     const [low, high] = what.y, [from, to] = what.x;
     const X = (x) => x0 + ((x - from) / (to - from || 1)) * (x1 - x0);
     const Y = (y) => y1 - ((y - low) / (high - low || 1)) * (y1 - y0);
@@ -69,7 +69,7 @@ export function lineChart(host, label, unitX, unitY) {
     }
     grid.push(svg("line", { class: "frame", x1: x0, x2: x1, y1, y2: y1 }),
       svg("text", { x: (x0 + x1) / 2, y: height - 3, "text-anchor": "middle" }, unitX),
-      svg("text", { x: x0 - 36, y: y0 - 1, "text-anchor": "start" }, unitY));
+      svg("text", { x: 2, y: 11 }, unitY));
     const bands = (what.bands ?? []).map(({ kind, from: a, to: b }) => svg("rect", {
       class: kind, x: X(a), width: Math.max(1, X(b) - X(a)), y: y0, height: y1 - y0,
     }));

@@ -28,7 +28,6 @@ export function scene(host) {
   const axis = svg("path", { class: "axis" });
   const joints = svg("g", {}), arrows = svg("g", {}), ruler = svg("g", {});
   const drawing = svg("svg", { viewBox: BOX.join(" "), role: "img", "aria-label": "Pose, not there yet" },
-    svg("rect", { class: "ground", x: BOX[0], y: -20, width: 10, height: 36 }),
     ...parts.flatMap((part) => [part.edge, part.fill]), axis, joints, arrows, ruler);
   host.append(drawing);
 

@@ -1,0 +1,142 @@
+"""How soon the lab answers, and what it keeps: `python -m benchmarks.lab [SECONDS]`, on an idle machine.
+
+latency  from a slider's event to pictures and forces on the screen, in headless Chromium; a shape slider has
+         an exosuit solved that nobody has seen, the actuation goes on from where it is
+pages    twenty clients that ask as fast as they can, each for exosuits of its own
+memory   of the server, and of the page, while sliders are dragged for SECONDS (60 by default)
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import numpy as np
+from playwright.sync_api import Page, sync_playwright
+
+from exosight.app.bench import cpu_name
+
+PORT = 8799
+URL = f"http://127.0.0.1:{PORT}"
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
+REPEATS = 60
+PAGES, EACH = 20, 10
+
+# Resolves after the frame in which the view is painted.
+_MOVE = """([slider, value]) => new Promise((done) => {
+  const input = document.querySelector(slider), start = performance.now();
+  document.addEventListener("shown", () => requestAnimationFrame(() => setTimeout(
+    () => done(performance.now() - start))), { once: true });
+  input.value = value;
+  input.dispatchEvent(new Event("input"));
+})"""
+
+
+@contextmanager
+def serving() -> Iterator[subprocess.Popen[bytes]]:
+    """The lab in a process of its own, compiled."""
+    program = [sys.executable, "-c", "from exosight.app.main import main; main()"]
+    server = subprocess.Popen(
+        [*program, "lab", "--port", str(PORT), "--no-browser"], stderr=subprocess.DEVNULL
+    )
+    try:
+        for _ in range(600):
+            try:
+                httpx.post(f"{URL}/api/view", json={}, timeout=120)
+                break
+            except httpx.TransportError:
+                time.sleep(0.2)
+        yield server
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def _latency(page: Page, slider: str, values: np.ndarray) -> list[float]:
+    found = []
+    for value in values:
+        page.wait_for_timeout(30)
+        found.append(page.evaluate(_MOVE, [slider, float(value)]))
+    return found
+
+
+def _two(milliseconds: list[float]) -> dict[str, float]:
+    return {
+        "median_ms": round(float(np.median(milliseconds)), 1),
+        "p95_ms": round(float(np.quantile(milliseconds, 0.95)), 1),
+    }
+
+
+def _resident(server: subprocess.Popen[bytes]) -> float:
+    """Memory of the server [MiB]."""
+    for line in Path(f"/proc/{server.pid}/status").read_text().splitlines():
+        if line.startswith("VmRSS"):
+            return int(line.split()[1]) / 1024
+    raise RuntimeError("no VmRSS: this needs Linux")
+
+
+def _heap(page: Page) -> float:
+    """Memory of the page's scripts after its garbage is collected [MiB]."""
+    session = page.context.new_cdp_session(page)
+    session.send("HeapProfiler.collectGarbage")
+    return session.send("Runtime.getHeapUsage")["usedSize"] / 2**20
+
+
+def _pages() -> dict[str, float]:
+    def ask(number: int) -> list[float]:
+        found = []
+        with httpx.Client(base_url=URL, timeout=120) as client:
+            for i in range(EACH):
+                start = time.perf_counter()
+                young = 2e5 + 1e3 * (number * EACH + i)
+                client.post("/api/view", json={"young": young, "drive": [2.4]}).raise_for_status()
+                found.append(1e3 * (time.perf_counter() - start))
+        return found
+
+    start = time.perf_counter()
+    with ThreadPoolExecutor(PAGES) as pool:
+        found = [each for one in pool.map(ask, range(PAGES)) for each in one]
+    return {**_two(found), "views_per_second": round(len(found) / (time.perf_counter() - start), 1)}
+
+
+def run(seconds: float = 60) -> dict:
+    """Latency [ms] and memory [MiB]; needs Chromium."""
+    rng = np.random.default_rng(0)
+    result: dict = {"name": "lab", "cpu": cpu_name(), "cores": len(os.sched_getaffinity(0))}
+    with serving() as server, sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page()
+        page.goto(URL)
+        page.wait_for_selector("#path path.down")
+        shape = "#settings fieldset:first-of-type .slider input[type=range]"
+        result["actuation"] = _two(_latency(page, "#u", rng.integers(0, 81, REPEATS) * 0.05))
+        page.evaluate(_MOVE, ["#u", 2.4])
+        result["shape at 2.4 N"] = _two(_latency(page, shape, rng.uniform(4.5, 10, REPEATS)))
+        page.evaluate(_MOVE, ["#u", 4.0])
+        result["shape at 4 N"] = _two(_latency(page, shape, rng.uniform(8, 10, REPEATS)))
+        page.evaluate(_MOVE, ["#u", 2.4])
+        server_memory, page_memory = [], []
+        end, moves = time.monotonic() + seconds, 0
+        while time.monotonic() < end:
+            if moves % 50 == 0:
+                server_memory.append(round(_resident(server)))
+                page_memory.append(round(_heap(page), 1))
+            page.evaluate(_MOVE, [shape, rng.uniform(4.5, 10)] if moves % 2 else ["#u", rng.uniform(0, 4)])
+            moves += 1
+        result["memory"] = {
+            "seconds": seconds, "moves": moves, "server_MiB": server_memory, "page_MiB": page_memory
+        }  # fmt: skip
+        browser.close()
+        result["20 pages"] = _pages()
+    return result
+
+
+if __name__ == "__main__":
+    for key, value in run(*map(float, sys.argv[1:])).items():
+        print(f"{key}: {value}")

@@ -1,0 +1,67 @@
+"""The lab's server, run as users run it, and a client of it."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import httpx
+import pytest
+
+from exosight.lab.door import LOOPBACK
+from exosight.lab.server import application, listen, server_of
+from exosight.lab.settings import View
+
+
+@dataclass(frozen=True)
+class Address:
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"http://{self.host}:{self.port}"
+
+
+def served(hosts: frozenset[str] | None, token: str | None) -> Iterator[Address]:
+    listener = listen("127.0.0.1", 0)
+    server = server_of(application(View(), hosts, token))
+    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
+    thread.start()
+    while not server.started:
+        assert thread.is_alive(), "the server ended before it began"
+        time.sleep(0.02)
+    yield Address("127.0.0.1", listener.getsockname()[1])
+    server.should_exit = True
+    thread.join(10)
+    listener.close()
+    assert not thread.is_alive()
+
+
+@pytest.fixture(scope="session")
+def address() -> Iterator[Address]:
+    """The lab on loopback, without a token."""
+    yield from served(LOOPBACK, None)
+
+
+@pytest.fixture(scope="session")
+def guarded_address() -> Iterator[Address]:
+    """The lab as it is bound elsewhere: with the token "secret"."""
+    yield from served(None, "secret")
+
+
+@pytest.fixture(scope="session")
+def client(address: Address) -> Iterator[httpx.Client]:
+    with httpx.Client(base_url=str(address), timeout=120) as each:
+        yield each
+
+
+@pytest.fixture
+def alive(client: httpx.Client) -> Callable[[], None]:
+    """Whatever was sent before, a proper request is still answered."""
+
+    def check() -> None:
+        answer = client.post("/api/view", json={"drive": [2.4]})
+        assert answer.status_code == 200
+        assert answer.json()["drive"] == [2.4]
+
+    return check

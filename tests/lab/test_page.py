@@ -1,0 +1,270 @@
+"""The page as people use it, in a headless browser."""
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
+
+from exosight.lab.settings import View
+from exosight.lab.views import see
+from exosight.lab.worn import Wardrobe
+from exosight.vision.unlike import unlike_images
+
+CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
+
+pytestmark = pytest.mark.skipif(
+    CHROMIUM is None, reason="no Chromium on this machine; set CHROMIUM to its path"
+)
+
+SOON = 60_000  # ms; far beyond what it takes, also while all is compiled
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        # Root, as in containers, has no sandbox.
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(browser: Browser, address: Any) -> Iterator[Callable[..., Page]]:
+    """Open the lab and wait for its first view; what the console says, or who else is asked, fails."""
+    said: list[str] = []
+    contexts = []
+
+    def listen(message: ConsoleMessage) -> None:
+        if message.type in ("error", "warning"):
+            said.append(message.text)
+
+    def asked(request: Request) -> None:
+        if not request.url.startswith((str(address), "data:", "blob:")):
+            said.append(request.url)
+
+    def opened(**options: Any) -> Page:
+        context = browser.new_context(accept_downloads=True, **options)
+        contexts.append(context)
+        page = context.new_page()
+        page.on("console", listen)
+        page.on("pageerror", lambda error: said.append(str(error)))
+        page.on("request", asked)
+        page.goto(str(address))
+        expect(page.locator("#status")).to_be_hidden(timeout=SOON)
+        return page
+
+    yield opened
+    for context in contexts:
+        context.close()
+    # A refusal that a test provokes is told by the browser as a failed resource.
+    assert [words for words in said if "status of 4" not in words] == []
+
+
+def force_shown(page: Page) -> float:
+    return float(page.locator("#net-true").inner_text().removesuffix(" N").replace("−", "-"))
+
+
+def drive(page: Page, u: float) -> None:
+    """Move the slider as a hand does, and wait until its view is shown."""
+    page.evaluate(
+        """() => {
+            window.seen = new Promise((done) => document.addEventListener('shown', done, { once: true }));
+        }"""
+    )
+    page.locator("#u").evaluate(
+        "(slider, u) => { slider.value = u; slider.dispatchEvent(new Event('input')); }", u
+    )
+    page.evaluate("() => window.seen")
+
+
+def test_the_page_shows_the_view_it_opens_with(open_page: Callable[..., Page]) -> None:
+    page = open_page()
+    seen = see(View(), Wardrobe())
+    assert force_shown(page) == pytest.approx(float(seen.pose.net_force), abs=6e-4)
+    assert page.locator("#u-value").inner_text() == "2.40 N"
+    assert page.locator("#pose svg .arrow").count() == int((seen.pose.forces * 100 > 0.6).sum())
+    assert "contact forces" in (page.locator("#pose svg").get_attribute("aria-label") or "")
+    expect(page.locator("#guard")).to_have_text("normal")
+    page.wait_for_selector("#path path.down")
+
+
+def test_dragging_up_and_down_shows_both_branches(open_page: Callable[..., Page]) -> None:
+    page = open_page()
+    box = page.locator("#u").bounding_box()
+    assert box is not None
+    middle = box["y"] + box["height"] / 2
+    page.mouse.move(box["x"] + 0.6 * box["width"], middle)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] - 1, middle, steps=12)
+    expect(page.locator("#u-value")).to_have_text("4.00 N")
+    page.mouse.move(box["x"] + 0.55 * box["width"], middle, steps=12)
+    page.mouse.up()
+    expect(page.locator("#way")).to_contain_text("4.00 →")
+    u = float(page.locator("#u-value").inner_text().removesuffix(" N"))
+    seen = see(View(drive=(4.0, u)), Wardrobe())
+    expect(page.locator("#net-true")).to_have_text(f"{seen.pose.net_force:.3f} N")
+
+
+def test_every_slider_and_list_changes_what_it_says(open_page: Callable[..., Page]) -> None:
+    page = open_page()
+    commands = {page.locator("#command").input_value()}
+    for family in ("sine", "cosine_sum", "sine_cosine", "legendre"):
+        page.get_by_label("Family").select_option(family)
+        expect(page.locator("#command")).to_have_value(re.compile(f"--family {family}"))
+        commands.add(page.locator("#command").input_value())
+    for label in ("Young's modulus, kPa, as a number", "Zoom, %, as a number"):
+        number = page.get_by_label(label)
+        number.fill("101" if "Zoom" in label else "410")
+        number.press("Enter")
+    expect(page.locator("#command")).to_have_value(re.compile("--young 410000 .*--zoom 1.01"))
+    page.get_by_label("Corruption").select_option("noise-high")
+    expect(page.locator("#command")).to_have_value(re.compile("--corruption noise-high"))
+    number = page.get_by_label("Young's modulus, kPa, as a number")
+    number.fill("99999")
+    number.press("Enter")
+    expect(number).to_have_value("1000")  # the nearest that is allowed
+    assert len(commands) == 5
+
+
+def test_files_and_the_command_can_be_saved(open_page: Callable[..., Page], tmp_path: Path) -> None:
+    page = open_page()
+    for button, start in (
+        ("#save-figure", b"<svg"),
+        ("#save-picture", b"\x89PNG"),
+        ("#save-forces", b"contact,"),
+        ("#save-path", b"u [N],"),
+    ):
+        with page.expect_download() as waiting:
+            page.locator(button).click()
+        file = tmp_path / waiting.value.suggested_filename
+        waiting.value.save_as(file)
+        assert file.read_bytes().startswith(start)
+    assert (tmp_path / "exosight-pose.svg").read_text().count("var(") == 0
+    assert page.locator("#command").input_value() == "exosight lab"
+
+
+def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page], tmp_path: Path) -> None:
+    page = open_page()
+    page.get_by_role("tab", name="Closed loop").click()
+    page.get_by_label("Law").select_option("proportional")
+    page.get_by_label("Sensor").select_option("true")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#time")).to_have_attribute("max", "59", timeout=SOON)
+    page.locator("#play").click()
+    expect(page.locator("#play")).to_have_text("Play")
+    page.locator("#time").focus()
+    page.keyboard.press("End")
+    expect(page.locator("#time-value")).to_have_text("5.9 s")
+    expect(page.locator("#loop-target")).to_have_text("0.000 N")
+    page.keyboard.press("Home")
+    expect(page.locator("#loop-u")).to_have_text("0.00 N")
+    with page.expect_download() as waiting:
+        page.locator("#save-run").click()
+    waiting.value.save_as(tmp_path / "run.csv")
+    assert len((tmp_path / "run.csv").read_text().splitlines()) == 61
+
+
+def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page], tmp_path: Path) -> None:
+    page = open_page()
+    page.get_by_role("tab", name="Your picture").click()
+    files = {"pose.png": see(View(), Wardrobe()).image, "text.png": unlike_images("text", 1, 0)[0]}
+    for name, image in files.items():
+        data = cv2.imencode(".png", image)[1].tobytes()
+        dropped = page.evaluate_handle(
+            """([name, bytes]) => { const files = new DataTransfer();
+                files.items.add(new File([new Uint8Array(bytes)], name)); return files; }""",
+            [name, list(data)],
+        )
+        page.dispatch_event("#drop", "drop", {"dataTransfer": dropped})
+        words = "like those learned from" if name == "pose.png" else "Do not trust these forces"
+        expect(page.locator("#verdict")).to_contain_text(words)
+    page.locator("#file").set_input_files(
+        {"name": "bad.png", "mimeType": "image/png", "buffer": b"not a picture"}
+    )
+    expect(page.locator("#file-problem")).to_contain_text("not one that can be read")
+    expect(page.locator("#result")).to_be_hidden()
+    page.locator("#file").set_input_files(
+        {"name": "large.png", "mimeType": "image/png", "buffer": bytes(9 * 2**20)}
+    )
+    expect(page.locator("#file-problem")).to_contain_text("at most 8 MiB")
+    np.testing.assert_equal(page.get_by_role("tab", name="Explore").is_enabled(), True)
+
+
+def test_the_page_is_usable_by_keyboard_alone(open_page: Callable[..., Page]) -> None:
+    page = open_page()
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.className") == "skip"
+    page.keyboard.press("Tab")
+    assert page.evaluate("document.activeElement.id") == "tab-explore"
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#loop")).to_be_visible()
+    page.keyboard.press("Home")
+    expect(page.locator("#explore")).to_be_visible()
+    reached = set()
+    for _ in range(60):
+        page.keyboard.press("Tab")
+        name = page.evaluate(
+            "document.activeElement.id || document.activeElement.getAttribute('aria-label') || ''"
+        )
+        reached.add(name)
+        if name == "u":
+            page.keyboard.press("ArrowRight")
+            expect(page.locator("#u-value")).to_have_text("2.45 N")
+            page.keyboard.press("End")
+            expect(page.locator("#u-value")).to_have_text("4.00 N")
+    assert {"u", "sweep", "theme", "command", "copy", "save-figure", "Length, mm, as a number"} <= reached
+    slider = page.get_by_label("Radius at the tip", exact=True)
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    expect(page.get_by_label("Radius at the tip, mm, as a number")).to_have_value("5.1")
+
+
+def test_a_server_that_is_gone_is_told(open_page: Callable[..., Page]) -> None:
+    page = open_page()
+    page.route(
+        "**/api/view", lambda route: route.fulfill(status=400, body=json.dumps({"error": "length: too long"}))
+    )
+    drive(page, 3.0)
+    expect(page.locator("#problem")).to_have_text("length: too long")
+    page.unroute("**/api/view")
+    drive(page, 2.0)
+    expect(page.locator("#problem")).to_be_hidden()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1400])
+def test_axe_finds_no_serious_fault(open_page: Callable[..., Page], scheme: str, width: int) -> None:
+    page = open_page(color_scheme=scheme, viewport={"width": width, "height": 900})
+    page.wait_for_selector("#path path.down")
+    for name in ("Explore", "Closed loop", "Your picture"):
+        page.get_by_role("tab", name=name).click()
+        found = Axe().run(page).response["violations"]
+        assert [
+            (each["id"], each["nodes"][0]["html"])
+            for each in found
+            if each["impact"] in ("serious", "critical")
+        ] == []
+        # Nothing has to be scrolled sideways.
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+
+
+def test_the_theme_is_chosen_and_kept(open_page: Callable[..., Page]) -> None:
+    page = open_page(color_scheme="light")
+    ground = "getComputedStyle(document.body).backgroundColor"
+    light = page.evaluate(ground)
+    for words in ("Theme: light", "Theme: dark"):
+        page.locator("#theme").click()
+        expect(page.locator("#theme")).to_have_text(words)
+    assert page.evaluate(ground) != light
+    page.reload()
+    expect(page.locator("#theme")).to_have_text("Theme: dark")
+    assert page.evaluate(ground) != light

@@ -1,0 +1,298 @@
+"""What the server answers, and what it refuses: it stays up whatever is sent."""
+
+import io
+import json
+import socket
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import cv2
+import httpx
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from exosight.errors import InputError
+from exosight.lab import uploads
+from exosight.lab.door import LOOPBACK
+from exosight.lab.server import access, address_of, listen
+from exosight.lab.settings import View
+from exosight.lab.uploads import LARGEST_UPLOAD
+from exosight.lab.views import exosuit_of, see
+from exosight.lab.worn import Wardrobe
+from exosight.vision.unlike import unlike_images
+
+fuzzed = settings(
+    max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
+
+anything = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=20),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=12), inner, max_size=4),
+    max_leaves=12,
+)
+names = ["family", "parameters", "length", "drive", "zoom", "corruption", "view", "target", "law", "x"]
+keyed = st.dictionaries(st.sampled_from(names), anything, min_size=1, max_size=3)
+
+JSON = {"content-type": "application/json"}
+
+TRICKS = (
+    "/../pyproject.toml",
+    "/%2e%2e/%2e%2e/etc/passwd",
+    "/..%2fserver.py",
+    "/page/index.html",
+    "/style.css%00.html",
+    "//etc/passwd",
+    "/__init__.py",
+    "/api",
+    "/api/view/../../x",
+    "/" + "a" * 8000,
+)
+GARBAGE = (
+    b"\x00" * 100,
+    b"GET / HTTP/9.9\r\n\r\n",
+    b"A" * 100_000,
+    b"POST /api/view HTTP/1.1\r\nHost: 127.0.0.1\r\nContent-Length: -5\r\n\r\n",
+)
+STRANGERS = ({"origin": "http://evil.example"}, {"origin": "null"}, {"sec-fetch-site": "cross-site"})
+
+
+def png(image: np.ndarray) -> bytes:
+    return cv2.imencode(".png", image)[1].tobytes()
+
+
+def sentence_of(answer: httpx.Response) -> str:
+    assert set(answer.json()) == {"error"}
+    assert "\n" not in answer.json()["error"]
+    return answer.json()["error"]
+
+
+def test_the_page_and_its_parts_are_served_from_here_alone(client: httpx.Client) -> None:
+    page = client.get("/")
+    assert page.headers["content-type"].startswith("text/html")
+    policy = page.headers["content-security-policy"]
+    assert "default-src 'none'" in policy
+    assert "unsafe" not in policy
+    for name in ("style.css", "main.js", "explore.js", "icon.svg"):
+        assert client.get(f"/{name}").status_code == 200
+        text = client.get(f"/{name}").text
+        assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_a_view_is_answered_with_picture_forces_guard_and_command(client: httpx.Client) -> None:
+    told = client.post("/api/view", json={"drive": [4.0, 2.4]}).json()
+    seen = see(View(drive=(4.0, 2.4)), Wardrobe())
+    assert told["F_net"] == pytest.approx(float(seen.pose.net_force), abs=1e-5)
+    assert told["command"] == "exosight lab --drive 4 2.4"
+    assert told["guard"]["state"] == "normal"
+    assert len(told["scene"]["contacts"]) == 8
+    assert client.post("/api/view", json={"drive": [1, 0.5, 0.75]}).json()["drive"] == [0.75]
+
+
+def test_files_are_offered_for_saving(client: httpx.Client) -> None:
+    picture = client.post("/api/save/picture.png", json={})
+    image = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert image is not None
+    assert image.shape == (128, 128)
+    assert client.post("/api/save/forces.csv", json={}).text.startswith("contact,true [N]")
+    assert len(client.post("/api/save/path.csv", json={}).text.splitlines()) == 82
+    assert client.post("/api/save/other.exe", json={}).status_code == 404
+
+
+def test_twenty_pages_at_once_each_get_their_own_view(client: httpx.Client) -> None:
+    wanted = [{"young": 2e5 + 5e3 * i, "drive": [round(0.05 * (29 + i), 2)]} for i in range(20)]
+
+    def ask(view: dict[str, Any]) -> dict[str, Any]:
+        return client.post("/api/view", json=view).json()
+
+    with ThreadPoolExecutor(20) as pool:
+        at_once = list(pool.map(ask, wanted))
+    wardrobe = Wardrobe()
+    for view, told in zip(wanted, at_once, strict=True):
+        own = View(young=view["young"], drive=tuple(view["drive"]))
+        assert told["F_net"] == pytest.approx(float(see(own, wardrobe).pose.net_force), abs=1e-5)
+    assert len({told["F_net"] for told in at_once}) == 20
+    assert exosuit_of(View()).young == 3e5
+
+
+@fuzzed
+@given(body=st.binary(max_size=300), where=st.sampled_from(["view", "path", "trial", "save/forces.csv"]))
+def test_bytes_that_are_no_settings_are_refused(client: httpx.Client, body: bytes, where: str) -> None:
+    answer = client.post(f"/api/{where}", content=body, headers=JSON)
+    assert answer.status_code == 400
+    assert sentence_of(answer)
+
+
+@fuzzed
+@given(message=keyed)
+def test_messages_out_of_anything_are_refused_or_answered(client: httpx.Client, message: dict) -> None:
+    body = json.dumps(message).encode()
+    answer = client.post("/api/view", content=body, headers=JSON)
+    assert answer.status_code in (200, 400)
+    if answer.status_code == 400:
+        assert sentence_of(answer)
+    else:
+        assert "F_net" in answer.json()
+
+
+@fuzzed
+@given(
+    data=st.binary(max_size=400),
+    head=st.sampled_from([b"", b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"II*\x00", b"BM"]),
+)
+def test_malformed_pictures_are_refused(client: httpx.Client, data: bytes, head: bytes) -> None:
+    answer = client.post("/api/estimate", content=head + data)
+    assert answer.status_code == 400
+    assert "picture" in sentence_of(answer)
+
+
+@fuzzed
+@given(cut=st.integers(8, 2000), flip=st.integers(0, 2000), value=st.integers(0, 255))
+def test_damaged_pictures_are_refused_or_read(client: httpx.Client, cut: int, flip: int, value: int) -> None:
+    data = bytearray(png(unlike_images("clouds", 1, 0)[0]))
+    data[flip % len(data)] = value
+    answer = client.post("/api/estimate", content=bytes(data[: len(data) - cut]))
+    assert answer.status_code in (200, 400)
+
+
+def test_a_picture_is_estimated_and_an_unlike_one_is_told(client: httpx.Client) -> None:
+    pose = see(View(), Wardrobe())
+    told = client.post("/api/estimate", content=png(pose.image)).json()
+    assert told["reading"]["forces"] == pytest.approx(pose.reading.forces[0].tolist(), abs=1e-5)
+    assert told["reading"]["unlike"] < 1
+    strange = client.post("/api/estimate", content=png(unlike_images("text", 1, 0)[0])).json()
+    assert strange["reading"]["unlike"] > 1
+    assert strange["guard"]["state"] == "hold"
+
+
+def test_pictures_of_a_wrong_shape_or_size_are_refused(
+    client: httpx.Client, alive: Callable[[], None]
+) -> None:
+    flat = client.post("/api/estimate", content=png(np.zeros((128, 300), np.uint8)))
+    assert "aspect ratio" in sentence_of(flat)
+    bomb = Image.new("1", (9000, 9000))  # ten kilobytes of PNG, 81 million pixels
+    bomb.save(buffer := io.BytesIO(), "PNG")
+    answer = client.post("/api/estimate", content=buffer.getvalue())
+    assert answer.status_code == 400
+    assert "9000×9000 pixels" in sentence_of(answer)
+    oversized = client.post("/api/estimate", content=b"\x89PNG" + bytes(LARGEST_UPLOAD))
+    assert oversized.status_code == 413
+    assert "at most 8 MiB" in sentence_of(oversized)
+    assert client.post("/api/view", content=b" " * 100_000, headers=JSON).status_code == 413
+    alive()
+
+
+def test_the_reader_of_uploads_knows_no_other_kinds_of_file() -> None:
+    with pytest.raises(OSError, match="not one that can be read"):
+        uploads.read_upload(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n")
+
+
+@pytest.mark.parametrize("path", TRICKS)
+def test_paths_lead_nowhere_else(
+    client: httpx.Client, address: Any, path: str, alive: Callable[[], None]
+) -> None:
+    # By hand: a client would tidy the path up.
+    with socket.create_connection((address.host, address.port), timeout=20) as line:
+        line.sendall(f"GET {path} HTTP/1.1\r\nHost: {address.host}\r\nConnection: close\r\n\r\n".encode())
+        answer = b"".join(iter(lambda: line.recv(65536), b""))
+    assert answer.split(b" ")[1] in (b"404", b"400", b"307")
+    assert b"root:" not in answer
+    alive()
+
+
+@pytest.mark.parametrize("garbage", GARBAGE)
+def test_what_is_no_http_does_not_stop_it(address: Any, garbage: bytes, alive: Callable[[], None]) -> None:
+    with socket.create_connection((address.host, address.port), timeout=20) as line:
+        try:
+            line.sendall(garbage)
+            line.shutdown(socket.SHUT_WR)
+            answer = line.recv(65536)
+        except ConnectionError:  # it has hung up already
+            answer = b""
+    assert b" 200 " not in answer
+    alive()
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status"), [("GET", "/api/view", 405), ("DELETE", "/", 405), ("GET", "/api/none", 404)]
+)
+def test_unknown_addresses_and_methods_are_refused(
+    client: httpx.Client, method: str, path: str, status: int
+) -> None:
+    answer = client.request(method, path)
+    assert answer.status_code == status
+    assert sentence_of(answer)
+
+
+def test_settings_come_as_json_or_not_at_all(client: httpx.Client) -> None:
+    assert client.post("/api/view", content=b"{}", headers={"content-type": "text/plain"}).status_code == 415
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example", "evil.example:8765", "127.0.0.1.evil.example", "[::1", "", "@"]
+)
+def test_names_that_are_not_this_machine_are_refused(client: httpx.Client, host: str) -> None:
+    assert client.get("/", headers={"host": host}).status_code in (400, 421)
+
+
+@pytest.mark.parametrize("headers", STRANGERS)
+def test_other_pages_may_not_ask(client: httpx.Client, headers: dict[str, str]) -> None:
+    answer = client.post("/api/view", json={}, headers=headers)
+    assert answer.status_code == 403
+    assert "other pages" in sentence_of(answer)
+
+
+def test_elsewhere_a_token_is_demanded(guarded_address: Any) -> None:
+    with httpx.Client(base_url=str(guarded_address)) as stranger:
+        for path in ("/", "/main.js", "/api/about", "/?token=", "/?token=wrong", "/?token=sécret"):
+            assert stranger.get(path).status_code == 401
+        stranger.cookies.set("exosight_lab", "wrong")
+        assert stranger.get("/").status_code == 401
+    with httpx.Client(base_url=str(guarded_address)) as guest:
+        welcome = guest.get("/?token=secret")
+        assert welcome.status_code == 303
+        assert "HttpOnly" in welcome.headers["set-cookie"]
+        assert "SameSite=strict" in welcome.headers["set-cookie"]
+        assert guest.get("/api/about").status_code == 200
+
+
+def test_only_this_machine_is_open_without_a_token() -> None:
+    assert access("127.0.0.1") == (LOOPBACK, None)
+    names, token = access("192.0.2.7")
+    assert names == LOOPBACK | {"192.0.2.7"}
+    assert token is not None
+    assert len(token) >= 32
+    assert access("0.0.0.0")[0] is None
+    assert access("0.0.0.0")[1] != access("0.0.0.0")[1]
+
+
+def test_the_address_is_printed_with_its_token_and_a_taken_port_is_refused() -> None:
+    with listen("127.0.0.1", 0) as listener:
+        port = listener.getsockname()[1]
+        assert address_of("127.0.0.1", listener, None) == f"http://127.0.0.1:{port}/"
+        assert address_of("::1", listener, "abc") == f"http://[::1]:{port}/?token=abc"
+        listener.listen()
+        with pytest.raises(InputError, match="choose another --port"):
+            listen("127.0.0.1", port)
+    with pytest.raises(InputError, match="choose another"):
+        listen("no.such.host.invalid", 0)
+
+
+def test_pages_that_leave_in_the_middle_do_no_harm(address: Any, alive: Callable[[], None]) -> None:
+    body = json.dumps({"young": 222e3, "drive": [4.0]}).encode()
+    head = f"POST /api/path HTTP/1.1\r\nHost: {address.host}\r\nContent-Type: application/json\r\n"
+
+    def ask_and_leave() -> None:
+        with socket.create_connection((address.host, address.port), timeout=20) as line:
+            line.sendall(f"{head}Content-Length: {len(body)}\r\n\r\n".encode() + body)
+
+    threads = [threading.Thread(target=ask_and_leave) for _ in range(10)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    alive()
