@@ -12,6 +12,7 @@ from exosight.app.results import (
     LoopRun,
     PathSummary,
     RobustnessSummary,
+    SteeredLoop,
     TrainingRun,
 )
 from exosight.evaluation.published import ROBUSTNESS_PUBLISHED
@@ -54,6 +55,20 @@ def images(count: int) -> np.ndarray:
     return np.full((count, 16, 16), 200, np.uint8)
 
 
+LOOPS = [
+    SteeredLoop(BY_SHAPE, "light_shape", False, STEADY, STEPS, images(3), (0.0, 5.0, 10.0)),
+    SteeredLoop(
+        "shipped network",
+        "shipped",
+        True,
+        [loop(5.0, np.full(20, 0.25), 3), loop(5.0, np.full(20, 0.4), 4)],
+        STEPS,
+        images(3),
+        (0.0, 5.0, 10.0),
+    ),
+]
+
+
 def judgements() -> list[Judgement]:
     rng = np.random.default_rng(0)
     true = rng.gamma(1.0, 0.2, (40, 7))
@@ -77,13 +92,13 @@ def path() -> PathSummary:
 def sections() -> tuple[Section, ...]:
     return (
         chapters.introduction(Figure()),
-        chapters.headline(RUNS, judgements(), robustness(), STEADY),
+        chapters.headline(RUNS, judgements(), robustness(), LOOPS),
         chapters.motion(path()),
         chapters.data_section(DATA),
         chapters.learning(RUNS),
         chapters.accuracy(judgements()),
         chapters.robustness_section(robustness()),
-        chapters.closed_loop(STEADY, STEPS, images(3), (0.0, 5.0, 10.0)),
+        *(chapters.closed_loop(loop) for loop in LOOPS),
         chapters.limits(),
         chapters.remake("exosight study", "seed: 0\n", 0, {"exosight": "0.1.0"}),
     )
@@ -102,7 +117,7 @@ def test_sections_make_a_report_and_its_tables(study, tmp_path):
     html = render_report(study)
     assert len(html) < 6_000_000
     names = {path.name for path in write_tables(study, tmp_path)}
-    assert {"headline.csv", "contacts_1.json", "robustness.csv", "steady_states.json"} <= names
+    assert {"headline.csv", "contacts_1.json", "robustness.csv", "steady_states_shipped.json"} <= names
 
 
 def test_every_section_says_something_and_every_picture_has_words(study):
@@ -116,14 +131,17 @@ def test_every_section_says_something_and_every_picture_has_words(study):
 
 
 def test_headline_puts_each_network_beside_the_paper():
-    table = tables(chapters.headline(RUNS, judgements(), robustness(), STEADY))["headline"]
-    by_shape, by_frame, paper = table.records()
-    assert [row["network, split"] for row in table.records()] == [BY_SHAPE, BY_FRAME, "paper, by frame"]
+    table = tables(chapters.headline(RUNS, judgements(), robustness(), LOOPS))["headline"]
+    by_shape, by_frame, shipped, paper = table.records()
+    names = [row["network, split"] for row in table.records()]
+    assert names == [BY_SHAPE, BY_FRAME, "shipped network", "paper, by frame"]
     assert by_shape["mean over C1…C7 r"] == judgements()[0].scores.r.mean
     assert paper["mean over C1…C7 r"] == 0.83
     settled = [key for key in paper if key.startswith("steps to settle")]
-    # Only the network of the closed loop has settled; the paper had no target of 0.4 N.
+    # The other network steers no loop; the paper had no target of 0.4 N; the shipped one is not judged here.
     assert [by_shape[key] for key in settled] == [6, None]
+    assert [shipped[key] for key in settled] == [3, 4]
+    assert shipped["mean over C1…C7 r"] is None
     assert [by_frame[key] for key in settled] == [None, None]
     assert [paper[key] for key in settled] == [7, None]
 
@@ -150,14 +168,14 @@ def test_accuracy_of_one_network_needs_no_table_of_means():
 
 
 def test_steady_states_stand_beside_the_papers_settling_steps():
-    first, second = tables(chapters.closed_loop(STEADY, STEPS, images(1), (0.0,)))["steady_states"].records()
+    first, second = tables(chapters.closed_loop(LOOPS[0]))["steady_states_light_shape"].records()
     assert (first["steps to settle exosight"], first["steps to settle paper"]) == (6, 7)
     assert (second["steps to settle exosight"], second["steps to settle paper"]) == (None, None)
     assert first["overshoot [N]"] == 0.02
 
 
 def test_step_responses_are_read_before_the_switch_and_at_the_end():
-    row = tables(chapters.closed_loop(STEADY, STEPS, images(1), (0.0,)))["step_responses"].records()[1]
+    row = tables(chapters.closed_loop(LOOPS[0]))["step_responses_light_shape"].records()[1]
     force = STEPS[1].trace.F_net_true
     assert row["true F_net before the switch [N]"] == force[9]
     assert row["true F_net largest [N]"] == force.max()

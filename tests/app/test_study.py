@@ -7,12 +7,15 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from exosight.app.main import main
 from exosight.app.report import Report
+from exosight.app.study import _closed_loops
 from exosight.app.study_config import PRESETS, RunConfig, StudyConfig, read_config, to_text
-from exosight.control import trials
+from exosight.control import OnnxEstimator, trials
+from exosight.control.estimator import DEFAULT_MODEL
 from exosight.dataset import generation, read_manifest
 from exosight.dataset.config import GenerateConfig
 from exosight.errors import DataError
@@ -121,6 +124,15 @@ def test_study_stopped_just_before_its_report_is_resumed(
     assert {name for name, _ in before.items() - after.items()} <= {
         *("light_shape/history.csv", "light_frame/history.csv")
     }
+
+
+def test_shipped_network_steers_where_it_fits_the_camera(tmp_path: Path) -> None:
+    shipped = OnnxEstimator.load(DEFAULT_MODEL)
+    own, other = _closed_loops(TINY, shipped, Camera(), tmp_path)
+    assert (own.shipped, other.shipped) == (False, True)
+    assert {"control", "control_shipped"} == {path.name for path in tmp_path.iterdir()}
+    # The same network and plant: the same loop.
+    np.testing.assert_array_equal(own.steady[0].trace.u, other.steady[0].trace.u)
 
 
 def test_finished_study_is_returned_as_it_is(

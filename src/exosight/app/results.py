@@ -104,3 +104,23 @@ class LoopRun:
     """Largest true F_net above the target [N]."""
     steady_state_error: float
     """Target − mean true F_net at the end [N]."""
+
+
+@dataclass(frozen=True)
+class SteeredLoop:
+    """The closed loop with one network as its force sensor."""
+
+    name: str
+    """Network and split, as in its `TrainingRun`, or "shipped network"."""
+    folder: str
+    """Where its time series lie in the study's folder, and what its tables are named after."""
+    shipped: bool
+    """Whether it is the network that comes with the package, not one trained here."""
+    steady: Sequence[LoopRun]
+    """One run a constant target."""
+    steps: Sequence[LoopRun]
+    """One run a gain: a target for a while, then 0 N."""
+    poses: UInt8[np.ndarray, "poses height width"]
+    """Camera images along the step response with K_P = 1."""
+    pose_times: Sequence[float]
+    """When they were taken [s]."""

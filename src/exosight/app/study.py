@@ -10,11 +10,12 @@ from exosight.app.console import progress, say
 from exosight.app.output import new_folder
 from exosight.app.pipeline import AUXILIARY, MODEL, Data, camera_of, check_training, fit, load
 from exosight.app.report import write_report, write_tables
-from exosight.app.results import Judgement, RobustnessSummary, TrainingRun
+from exosight.app.results import Judgement, RobustnessSummary, SteeredLoop, TrainingRun
 from exosight.app.study_config import CONFIG, PRESETS, RunConfig, StudyConfig, read_config, to_text
-from exosight.app.study_report import Results, build_report
+from exosight.app.study_report import Results, build_report, steered_loop
 from exosight.app.trials import run_trials, write_trials
 from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, from_image
+from exosight.control.estimator import DEFAULT_MODEL
 from exosight.dataset import Split, make_split
 from exosight.dataset.generation import generate
 from exosight.dataset.manifest import MANIFEST
@@ -25,6 +26,7 @@ from exosight.files import write_new_file
 from exosight.learning.config import resolve
 from exosight.learning.history import EpochRecord
 from exosight.learning.recipes import RECIPES
+from exosight.vision.camera import Camera
 from exosight.vision.corruptions import corrupt
 
 REPORT = "report.html"
@@ -58,9 +60,9 @@ def run_study(config: StudyConfig, out: Path, *, resume: bool = False) -> Path:
     steering = estimators[0]
     say("judging the estimate on degraded images")
     robustness = _robustness(config, steering, data, splits[config.runs[0].protocol].test)
-    trials = _closed_loop(config, steering, folder / "control")
+    loops = _closed_loops(config, steering, data.manifest.camera, folder)
     say("writing the report")
-    results = Results(config, data, splits, trained, judgements, robustness, steering, trials)
+    results = Results(config, data, splits, trained, judgements, robustness, steering, loops)
     page = build_report(results, _command(config, out))
     if not (folder / "tables").exists():
         with new_folder(folder / "tables") as place:
@@ -127,13 +129,27 @@ def _robustness(
     return RobustnessSummary(config.runs[0].name, cases, examples)
 
 
-def _closed_loop(config: StudyConfig, estimator: OnnxEstimator, folder: Path) -> ControllerStudy:
+def _closed_loops(
+    config: StudyConfig, steering: OnnxEstimator, camera: Camera, folder: Path
+) -> list[SteeredLoop]:
+    """The paper's trials with the first network, and with the shipped one where it fits the camera."""
+    first = config.runs[0]
+    trials = _closed_loop(config, steering, f"{first.folder}/{MODEL}", folder / "control")
+    loops = [steered_loop(first.name, first.folder, trials, shipped=False)]
+    shipped = OnnxEstimator.load(DEFAULT_MODEL, threads=2)
+    if camera_of(shipped.card) == camera:
+        trials = _closed_loop(config, shipped, DEFAULT_MODEL.name, folder / "control_shipped")
+        loops.append(steered_loop("shipped network", "shipped", trials, shipped=True))
+    return loops
+
+
+def _closed_loop(config: StudyConfig, estimator: OnnxEstimator, model: str, folder: Path) -> ControllerStudy:
     camera = camera_of(estimator.card)
     exosuit = exosuit_of(config.data, CONTROL_SHAPE)
     trials = run_trials(exosuit, camera, from_image(estimator))
     if not folder.exists():
         with new_folder(folder) as place:
-            write_trials(trials, f"{config.runs[0].folder}/{MODEL}", camera, place)
+            write_trials(trials, model, camera, place)
     return trials
 
 

@@ -13,7 +13,15 @@ import exosight
 from exosight.app import chapters
 from exosight.app.pipeline import Data
 from exosight.app.report import Report
-from exosight.app.results import DataSummary, Judgement, LoopRun, PathSummary, RobustnessSummary, TrainingRun
+from exosight.app.results import (
+    DataSummary,
+    Judgement,
+    LoopRun,
+    PathSummary,
+    RobustnessSummary,
+    SteeredLoop,
+    TrainingRun,
+)
 from exosight.app.study_config import StudyConfig, to_text
 from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, Trial
 from exosight.dataset import Split
@@ -47,8 +55,8 @@ class Results:
     judgements: Sequence[Judgement]
     robustness: RobustnessSummary
     steering: OnnxEstimator
-    """The network that steers the closed loop."""
-    trials: ControllerStudy
+    """The first network, for the overview."""
+    loops: Sequence[SteeredLoop]
 
 
 def build_report(results: Results, command: str) -> Report:
@@ -58,11 +66,6 @@ def build_report(results: Results, command: str) -> Report:
     """
     seed = results.config.seed
     motion = _drive(exosuit_of(results.config.data, CONTROL_SHAPE), results.data.manifest.camera)
-    steady = [loop_run(trial) for trial in results.trials.steady_states]
-    steps = [loop_run(trial) for trial in results.trials.step_responses]
-    # The paper's own figure shows the poses of K_P = 1.
-    shown = min(results.trials.step_responses, key=lambda trial: abs(trial.gain - 1)).record
-    moments = np.linspace(0, len(shown.time) - 1, 6).round().astype(int)
     versions = {name: metadata.version(name) for name in ("exosight", "jax", "numpy", "torch", "onnxruntime")}
     return Report(
         title="Contact forces of a soft finger exosuit, read from images",
@@ -72,13 +75,13 @@ def build_report(results: Results, command: str) -> Report:
         ),
         sections=(
             chapters.introduction(_overview(motion, results.steering)),
-            chapters.headline(results.runs, results.judgements, results.robustness, steady),
+            chapters.headline(results.runs, results.judgements, results.robustness, results.loops),
             chapters.motion(_path_summary(motion)),
             chapters.data_section(_data_summary(results)),
             chapters.learning(results.runs),
             chapters.accuracy(results.judgements),
             chapters.robustness_section(results.robustness),
-            chapters.closed_loop(steady, steps, shown.images[moments], shown.time[moments].tolist()),
+            *(chapters.closed_loop(loop) for loop in results.loops),
             chapters.limits(),
             chapters.remake(command, to_text(results.config), seed, versions),
         ),
@@ -86,7 +89,23 @@ def build_report(results: Results, command: str) -> Report:
     )
 
 
-def loop_run(trial: Trial) -> LoopRun:
+def steered_loop(name: str, folder: str, trials: ControllerStudy, shipped: bool) -> SteeredLoop:
+    """The trials of one network in the terms of the report."""
+    # The paper's own figure shows the poses of K_P = 1.
+    shown = min(trials.step_responses, key=lambda trial: abs(trial.gain - 1)).record
+    moments = np.linspace(0, len(shown.time) - 1, 6).round().astype(int)
+    return SteeredLoop(
+        name=name,
+        folder=folder,
+        shipped=shipped,
+        steady=[_loop_run(trial) for trial in trials.steady_states],
+        steps=[_loop_run(trial) for trial in trials.step_responses],
+        poses=shown.images[moments],
+        pose_times=shown.time[moments].tolist(),
+    )
+
+
+def _loop_run(trial: Trial) -> LoopRun:
     """A trial in the terms of the report."""
     settled = trial.response.settling_steps
     return LoopRun(

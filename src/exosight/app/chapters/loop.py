@@ -3,33 +3,29 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import UInt8
 
 from exosight.app.report import Picture, Section
-from exosight.app.results import LoopRun
+from exosight.app.results import LoopRun, SteeredLoop
 from exosight.evaluation import figures, published
 from exosight.evaluation.tables import OURS, PAPER, Cell, Column, Table
 
+_SHIPPED = (
+    "This is the network that comes with exosight and answers in `exosight estimate`. It was trained longer, "
+    "on thousands of exosuits, but not on the controller's: its card says which. It may have learned from "
+    "exosuits of this study, and is therefore not judged on them."
+)
 
-def closed_loop(
-    steady: Sequence[LoopRun],
-    steps: Sequence[LoopRun],
-    poses: UInt8[np.ndarray, "poses height width"],
-    pose_times: Sequence[float],
-) -> Section:
-    """Show the controller with the estimator as its force sensor, beside the paper's results.
 
-    steady      one run a constant target
-    steps       one run a gain: a target for a while, then 0 N
-    poses       camera images along the step response of `steps` with K_P = 1
-    pose_times  when they were taken [s]
-    """
+def closed_loop(loop: SteeredLoop) -> Section:
+    """Show the controller with an estimator as its force sensor, beside the paper's results."""
+    steady, steps = loop.steady, loop.steps
     return Section(
-        "In closed loop",
+        f"In closed loop: {loop.name}",
         (
             "The controller sees images alone. At each step the network estimates F_net, and the actuation "
             "is raised by K_P times the difference between target and estimate. The true F_net is known to "
             "the simulation and is drawn for comparison, but the controller never sees it.",
+            *((_SHIPPED,) if loop.shipped else ()),
             Picture(
                 figures.steady_states([run.trace for run in steady]),
                 f"Constant targets, K_P = {steady[0].gain:g}. Above: the true force of the simulation and "
@@ -38,7 +34,7 @@ def closed_loop(
                 "Line plots over time of true and estimated F_net for each target, and of the actuation "
                 "below.",
             ),
-            _steady_table(steady),
+            _steady_table(steady, loop.folder),
             Picture(
                 figures.step_responses({run.gain: run.trace for run in steps}),
                 "Step responses: the target is held, then switched to 0 N. Error: target minus estimate, as "
@@ -46,11 +42,11 @@ def closed_loop(
                 "Line plots over time of F_net, error and actuation, a line for each gain.",
             ),
             Picture(
-                figures.pose_strip(poses, [f"t = {time:g} s" for time in pose_times]),
+                figures.pose_strip(loop.poses, [f"t = {time:g} s" for time in loop.pose_times]),
                 "Camera images along the step response with K_P = 1.",
-                f"{len(poses)} gray images of finger and exosuit during the step response.",
+                f"{len(loop.poses)} gray images of finger and exosuit during the step response.",
             ),
-            _step_table(steps),
+            _step_table(steps, loop.folder),
         ),
     )
 
@@ -68,7 +64,7 @@ def published_steps(run: LoopRun) -> int | None:
     return None
 
 
-def _steady_table(runs: Sequence[LoopRun]) -> Table:
+def _steady_table(runs: Sequence[LoopRun], suffix: str) -> Table:
     columns = (
         Column("target", "N", digits=2),
         Column(OURS, "", "steps to settle"),
@@ -85,10 +81,10 @@ def _steady_table(runs: Sequence[LoopRun]) -> Table:
         for run in runs
     )
     note = "Measured on the true force. A dash: not settled within the run, or not tested in the paper."
-    return Table("steady_states", "Constant targets", columns, rows, note)
+    return Table(f"steady_states_{suffix}", "Constant targets", columns, rows, note)
 
 
-def _step_table(runs: Sequence[LoopRun]) -> Table:
+def _step_table(runs: Sequence[LoopRun], suffix: str) -> Table:
     columns = (
         Column("K_P"),
         Column("before the switch", "N", "true F_net", 3),
@@ -110,4 +106,4 @@ def _step_table(runs: Sequence[LoopRun]) -> Table:
             )
         )
     caption = f"Step to {target_of(runs[0]):g} N and back to 0 N"
-    return Table("step_responses", caption, columns, tuple(rows))
+    return Table(f"step_responses_{suffix}", caption, columns, tuple(rows))

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from exosight.app.chapters.loop import published_steps, target_of
 from exosight.app.report import Listing, Points, Section
-from exosight.app.results import Judgement, LoopRun, RobustnessSummary, TrainingRun
+from exosight.app.results import Judgement, RobustnessSummary, SteeredLoop, TrainingRun
 from exosight.evaluation import published
 from exosight.evaluation.tables import Cell, Column, Table
 
@@ -13,7 +13,7 @@ def headline(
     runs: Sequence[TrainingRun],
     judgements: Sequence[Judgement],
     robustness: RobustnessSummary,
-    steady: Sequence[LoopRun],
+    loops: Sequence[SteeredLoop],
 ) -> Section:
     """Put the numbers that matter beside the paper's."""
     columns = (
@@ -23,33 +23,42 @@ def headline(
         Column("RMS%", "%", "mean over C1…C7", 2),
         Column("RMSE", "N", "mean over C1…C7", 3),
         Column("r, noisy", "", "mean over C1…C7", 2),
-        *(Column(f"{target_of(run):.2f}\N{NO-BREAK SPACE}N", "", "steps to settle at") for run in steady),
+        *(
+            Column(f"{target_of(run):.2f}\N{NO-BREAK SPACE}N", "", "steps to settle at")
+            for run in loops[0].steady
+        ),
     )
+    steered = {loop.name: loop.steady for loop in loops}
     trained = {run.name: run for run in runs}
     rows: list[tuple[Cell, ...]] = []
     for judgement in judgements:
         run, scores = trained[judgement.name], judgement.scores
-        chosen = judgement.name == robustness.name
+        noisy = robustness.cases["noise-medium"].r if judgement.name == robustness.name else None
+        settled = [run.settling_steps for run in steered.get(judgement.name, ())]
         rows.append(
             (
                 *(judgement.name, run.frames, scores.r, scores.rms_percent, scores.rmse),
-                robustness.cases["noise-medium"].r if chosen else None,
-                *(run.settling_steps if chosen else None for run in steady),
+                *(noisy, *(settled or [None] * len(loops[0].steady))),
             )
         )
+    rows += [
+        (loop.name, *[None] * 5, *(run.settling_steps for run in loop.steady))
+        for loop in loops
+        if loop.shipped
+    ]
     clean = published.ROBUSTNESS_PUBLISHED["clean"]
     rows.append(
         (
             *("paper, by frame", published.FRAMES_LEARNED),
             *(clean.r, clean.rms_percent, clean.rmse, published.ROBUSTNESS_PUBLISHED["noise-medium"].r),
-            *(published_steps(run) for run in steady),
+            *(published_steps(run) for run in loops[0].steady),
         )
     )
     note = (
         "r: Pearson's correlation of estimated and true force; RMS%: error as a share of the range of the "
         "true force; noisy: test images with noise of variance 0.01; ±: standard deviation over the seven "
-        "contacts. Settling is that of the closed loop, which one of the networks steers. A dash means that "
-        "there is no such number."
+        "contacts. Settling is that of the closed loop, for the networks that steer it. A dash means that "
+        "there is no such number: not asked for, or not settled."
     )
     return Section(
         "The result in short",
@@ -83,9 +92,11 @@ def limits() -> Section:
                     "data point.",
                     f"The actuation in the training data ends at {published.TRAINING_LIMIT:g} N and never "
                     "pulls. Beyond that, and for shapes outside the five families, an estimate is "
-                    "extrapolated, and nothing in the answer says so.",
+                    "extrapolated.",
                     "The image must show the side view at the scale that was learned. Seven numbers come out "
-                    "of any image of the right size, whether or not it shows a finger.",
+                    "of any image of the right size, whether or not it shows a finger. `exosight estimate` "
+                    "adds intervals, and a score for images unlike those learned from; the loop above looks "
+                    "at neither.",
                 )
             ),
         ),
