@@ -106,9 +106,10 @@ def test_dragging_up_and_down_shows_both_branches(open_page: Callable[..., Page]
     page.mouse.down()
     page.mouse.move(box["x"] + box["width"] - 1, middle, steps=12)
     expect(page.locator("#u-value")).to_have_text("4.00 N")
-    page.mouse.move(box["x"] + 0.55 * box["width"], middle, steps=12)
+    page.mouse.move(box["x"] + 0.65 * box["width"], middle, steps=12)
     page.mouse.up()
-    expect(page.locator("#way")).to_contain_text("4.00 →")
+    # Up and down once; where both branches are one, the way back to rest is forgotten.
+    expect(page.locator("#way")).to_have_text(re.compile(r"^0 → [234]\.\d\d → 2\.\d\d N$"))
     u = float(page.locator("#u-value").inner_text().removesuffix(" N"))
     seen = see(View(drive=(4.0, u)), Wardrobe())
     expect(page.locator("#net-true")).to_have_text(f"{seen.pose.net_force:.3f} N")
@@ -215,12 +216,12 @@ def test_the_page_is_usable_by_keyboard_alone(open_page: Callable[..., Page]) ->
         name = page.evaluate(
             "document.activeElement.id || document.activeElement.getAttribute('aria-label') || ''"
         )
-        reached.add(name)
-        if name == "u":
+        if name == "u" and name not in reached:
             page.keyboard.press("ArrowRight")
             expect(page.locator("#u-value")).to_have_text("2.45 N")
             page.keyboard.press("End")
             expect(page.locator("#u-value")).to_have_text("4.00 N")
+        reached.add(name)
     assert {"u", "sweep", "theme", "command", "copy", "save-figure", "Length, mm, as a number"} <= reached
     slider = page.get_by_label("Radius at the tip", exact=True)
     slider.focus()

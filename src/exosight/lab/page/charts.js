@@ -41,6 +41,16 @@ export function forceTable(host, withTruth) {
   };
 }
 
+/** A line through points, interrupted where y is null. */
+function line(points, X, Y, steps) {
+  let path = "", open = false;
+  for (const [x, y] of points) {
+    if (y !== null) path += `${!open ? `M${X(x)} ` : steps ? `H${X(x)}V` : `L${X(x)} `}${Y(y)}`;
+    open = y !== null;
+  }
+  return path;
+}
+
 /** A line chart that fills its host; `draw` is given everything, so that it can be drawn anew in any size. */
 export function lineChart(host, label, unitX, unitY) {
   const drawing = svg("svg", { role: "img", "aria-label": label });
@@ -63,8 +73,8 @@ export function lineChart(host, label, unitX, unitY) {
       grid.push(svg("line", { class: "grid", x1: x0, x2: x1, y1: Y(k * step), y2: Y(k * step) }),
         svg("text", { x: x0 - 6, y: Y(k * step) + 4, "text-anchor": "end", class: "soft" }, words));
     }
-    for (let k = 0; k <= 4; k++) {
-      const at = from + (k * (to - from)) / 4;
+    const apart = round125((to - from) / 6);
+    for (let at = from; at <= to + 1e-9; at += apart) {
       grid.push(svg("text", { x: X(at), y: y1 + 16, "text-anchor": "middle", class: "soft" }, String(Number(at.toPrecision(3)))));
     }
     grid.push(svg("line", { class: "frame", x1: x0, x2: x1, y1, y2: y1 }),
@@ -73,10 +83,7 @@ export function lineChart(host, label, unitX, unitY) {
     const bands = (what.bands ?? []).map(({ kind, from: a, to: b }) => svg("rect", {
       class: kind, x: X(a), width: Math.max(1, X(b) - X(a)), y: y0, height: y1 - y0,
     }));
-    const series = what.series.filter(({ points }) => points.length).map(({ kind, points, steps }) => svg("path", {
-      class: kind,
-      d: points.map(([x, y], i) => `${i ? (steps ? `H${X(x)}V` : `L${X(x)} `) : `M${X(x)} `}${Y(y)}`).join(""),
-    }));
+    const series = what.series.map(({ kind, points, steps }) => svg("path", { class: kind, d: line(points, X, Y, steps) }));
     const marks = (what.marks ?? []).map(({ kind, x, y }) => svg("circle", { class: kind, cx: X(x), cy: Y(y), r: kind === "here" ? 5 : 6.5 }));
     const cursor = what.cursor == null ? [] : [svg("line", { class: "cursor", x1: X(what.cursor), x2: X(what.cursor), y1: y0, y2: y1 })];
     drawing.replaceChildren(...bands, ...grid, ...series, ...cursor, ...marks);

@@ -97,12 +97,13 @@ export function loop(about, view, problem) {
     const most = Math.max(0.1, ...values), tick = round125(most / 4);
     const cursor = steps[at]?.time;
     const wrong = ["none", "softer"].includes(run.disturbance) ? [] : [{ kind: "wrong", from: 2, to: 3 }];
+    by("wrong-key").hidden = !wrong.length;
     force({
       x: [0, end], y: [0, Math.ceil((most * 1.02) / tick) * tick], cursor, bands: wrong,
       series: [
         { kind: "target", points: steps.map((step) => [step.time, step.target]), steps: true },
         { kind: "true", points: steps.map((step) => [step.time, step.F_net]) },
-        { kind: "measured", points: steps.filter((step) => step.reading).map((step) => [step.time, step.reading.F_net]) },
+        { kind: "measured", points: steps.map((step) => [step.time, step.reading?.F_net ?? null]) },
       ],
       words: steps[at] ? `${newtons(steps[at].F_net)} for a target of ${newtons(steps[at].target)} at ${cursor} s` : "",
     });
