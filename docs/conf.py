@@ -7,7 +7,7 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # for _parts
 
 # First of all: it chooses where JAX keeps compiled code, which JAX reads when it is imported.
-import exosight.app  # noqa: E402
+import exosight.app  # noqa: E402, F401
 from exosight import __version__  # noqa: E402
 
 project, author, release, version = "exosight", "The exosight developers", __version__, __version__
@@ -15,10 +15,10 @@ copyright = "the exosight developers, MIT licence"
 extensions = [
     "myst_parser",
     "sphinx.ext.autodoc",
-    "sphinx.ext.apidoc",
     "sphinx_gallery.gen_gallery",
     "_parts.docstrings",
     "_parts.mathml",
+    "_parts.reference",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["tutorials", "results", "**/README.rst"]
@@ -26,20 +26,12 @@ exclude_patterns = ["tutorials", "results", "**/README.rst"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 
-apidoc_modules = [
-    {
-        "path": str(Path(exosight.__file__).parent),
-        "destination": "api",
-        "max_depth": 3,
-        "module_first": True,
-        "automodule_options": {"members", "ignore-module-all"},
-    }
-]
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 maximum_signature_line_length = 90
 add_module_names = False
+toc_object_entries = False  # the navigation lists pages and modules; thousands of names make it slow
 
 sphinx_gallery_conf = {
     "examples_dirs": "tutorials",

@@ -19,6 +19,9 @@ PAGE = ROOT / "docs" / "licences.md"
 MIB = 2**20
 CORE = "core"
 
+ELSEWHERE = {"mlcroissant": "Apache-2.0, says its repository"}
+"""Licences of packages whose files state none."""
+
 
 def main() -> None:
     """Look at every distribution that the core and the extras need, and write the page."""
@@ -74,9 +77,11 @@ def licence(own: metadata.Distribution) -> str:
         classified = [c for c in meta.get_all("Classifier") or [] if c.startswith("License ::")]
         stated = ", ".join(c.rsplit(" :: ", 1)[1] for c in classified)
     if stated in ("", "OSI Approved"):
-        first = (meta.get("License") or "").strip().splitlines()
-        stated = first[0] if first else ""
-    return re.sub(r"\s+", " ", stated)[:60].replace("|", "/") or "not stated"
+        texts = [file for file in own.files or [] if file.name.upper().startswith("LICENSE")]
+        written = meta.get("License") or (texts[0].read_text() if texts else "")
+        stated = next((line.strip() for line in written.splitlines() if line.strip()), "")
+    stated = stated or ELSEWHERE.get(canonicalize_name(own.name), "not stated")
+    return re.sub(r"\s+", " ", stated)[:60].replace("|", "/")
 
 
 def size(own: metadata.Distribution) -> int:
@@ -95,8 +100,8 @@ def page(wanted: dict[str, list[str]], needed: dict[str, set[str]]) -> str:
         "exosight itself has the MIT licence. Below is all that it stands on, at the versions of",
         "`constraints.txt`, the lock file that `make` installs from.",
         "",
-        "Made by `python tools/dependencies.py` from the packages' own metadata. Sizes are those of the files",
-        "on disk (Linux, x86-64, PyTorch for CPUs; the default build with CUDA takes several GB more).",
+        "Made by `python tools/dependencies.py` from the packages' own metadata. Sizes are those of the",
+        "files on disk (Linux, x86-64, PyTorch for CPUs; the default build with CUDA takes several GB more).",
         "",
         "## Extras",
         "",

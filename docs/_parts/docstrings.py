@@ -6,6 +6,8 @@ Paragraphs stay paragraphs, and whatever is aligned or indented is shown as it s
 import re
 from typing import Any
 
+from docutils import nodes
+from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 
 
@@ -34,7 +36,15 @@ def _process(app: Sphinx, what: str, name: str, object_: Any, options: Any, line
     lines[:] = [*to_restructured("\n".join(lines)).splitlines(), ""]
 
 
+def _unlink(app: Sphinx, tree: nodes.document) -> None:
+    """Take the links out of signatures: a type `range` would lead to a field of that name, of any class."""
+    for link in list(tree.findall(pending_xref)):
+        if link.get("refdomain") == "py":
+            link.replace_self(link.children)
+
+
 def setup(app: Sphinx) -> dict[str, bool]:
     """Sphinx calls this."""
     app.connect("autodoc-process-docstring", _process)
+    app.connect("doctree-read", _unlink)
     return {"parallel_read_safe": True}

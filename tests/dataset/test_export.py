@@ -18,6 +18,7 @@ from exosight.dataset.matlab import from_matlab, read_mat, to_matlab, write_mat
 from exosight.errors import DataError, InputError
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.exosuit.shapes import FAMILIES
+from exosight.files import new_file
 from exosight.vision.camera import Camera
 
 CAMERA = Camera(metres_per_pixel=0.01, width=12, height=8)
@@ -113,7 +114,7 @@ def test_a_single_frame_loses_its_last_dimension_in_matlab(tmp_path: Path) -> No
         ("images", np.full((8, 12, 3), 300.0), "whole numbers of uint8"),
         ("images", np.full((8, 12, 3), 0.5), "whole numbers of uint8"),
         ("family", np.array([0, 1, 99]), "family must lie within"),
-        ("pose", np.ones((2, 25)), "has 2 frames"),
+        ("pose", np.ones((2, 25)), "as many rows"),
         ("loading", np.array(["a", "b", "c"]), "expects numbers"),
     ],
 )
@@ -219,8 +220,9 @@ def test_nothing_is_overwritten_and_nothing_half_is_left(tmp_path: Path) -> None
     with pytest.raises(DataError, match="exists already"):
         write_mat(target, {"x": np.ones(2)})
     assert target.read_text() == "mine"
-    with pytest.raises(TypeError):
-        write_mat(tmp_path / "new.mat", {"x": object})
+    with pytest.raises(ValueError, match="no room"), new_file(tmp_path / "new.mat") as part:
+        part.write_text("half")
+        raise ValueError("no room")
     assert [path.name for path in tmp_path.iterdir()] == ["there.mat"]
 
 

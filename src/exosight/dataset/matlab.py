@@ -81,7 +81,7 @@ def from_matlab(values: Mapping[str, Any]) -> Frames:
                 raise InputError(f"frames: images expects height × width × frames, got shape {given.shape}")
             given = np.transpose(given, (2, 0, 1))
         elif name not in ("forces", "pose"):
-            if given.ndim > 1 and given.shape[1] != 1:
+            if given.size != max(given.shape, default=0):  # neither a row nor a column
                 raise InputError(f"frames: {name} expects one number a frame, got shape {given.shape}")
             given = given.reshape(-1)
         with np.errstate(invalid="ignore", over="ignore"):
@@ -93,6 +93,9 @@ def from_matlab(values: Mapping[str, Any]) -> Frames:
             f"frames: expected forces of frames × 7 and pose of frames × coordinates, got "
             f"{found['forces'].shape} and {found['pose'].shape}"
         )
+    counts = {name: len(values) for name, values in found.items()}
+    if len(set(counts.values())) > 1:
+        raise InputError(f"frames: expected as many rows of each, got {counts}")
     frames = Frames(**found)
     fault = find_fault(frames)
     if fault:
