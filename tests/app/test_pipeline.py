@@ -1,17 +1,22 @@
 """Learning from several datasets: nothing that is kept for judging slips in with the others."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
-from exosight.app.pipeline import Data, identity, load, widened
+from exosight.app import pipeline
+from exosight.app.pipeline import Data, fit, identity, load, widened
 from exosight.dataset import make_split
+from exosight.dataset.config import GenerateConfig
 from exosight.dataset.manifest import sampled_shapes
 from exosight.errors import InputError
-from exosight.exosuit.scenarios import geometry, sample_shapes
+from exosight.exosuit.scenarios import SampledShape, geometry, sample_shapes
+from exosight.learning import TrainConfig
 from exosight.vision.camera import Camera
 
 
@@ -66,3 +71,27 @@ def test_the_network_remembers_all_its_datasets(first: Data) -> None:
     alone, both = identity(first, split), identity(first, split, [first])
     assert alone["more"] == ""
     assert both["more"] == alone["sha256"]
+
+
+def test_every_epoch_may_bring_exosuits_never_seen(
+    first: Data, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The stream is asked for frames of the dataset's kind, without its shapes, from the epoch on."""
+    asked: dict[str, object] = {}
+
+    @contextmanager
+    def stream(config: GenerateConfig, *, exclude: Iterable[SampledShape], start: int) -> Iterator:
+        asked.update(config=config, exclude=[s.shape for s in exclude], start=start)
+        yield iter([first.frames] * 2)
+
+    monkeypatch.setattr(pipeline, "stream", stream)
+    config = TrainConfig(epochs=2, batch=8, threads=1)
+    fit(first, make_split(first.frames, "shape", 0), config, tmp_path / "run", fresh=3, resume=False)
+    manifest = first.manifest
+    known = TypeAdapter(GenerateConfig).validate_python(manifest.config)
+    assert asked["config"] == replace(known, per_scenario=3)
+    assert asked["exclude"] == [s.shape for s in sampled_shapes(manifest)]
+    assert asked["start"] == 0
+    assert (tmp_path / "run" / "model.onnx").exists()
+    with pytest.raises(InputError, match="its fresh is 3, asked for is 0"):
+        fit(first, make_split(first.frames, "shape", 0), config, tmp_path / "run", resume=True)

@@ -1,19 +1,23 @@
 """From a dataset to a judged estimator: the steps that single commands and the study share."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float32, Int
+from pydantic import TypeAdapter
 
 from exosight.dataset import Frames, Manifest, Split, dataset_identity, make_split, read_frames, read_manifest
+from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import QUANTITIES, concatenate
 from exosight.dataset.manifest import sampled_shapes
+from exosight.dataset.stream import stream
 from exosight.errors import InputError
 from exosight.exosuit.scenarios import geometry
 from exosight.learning.config import TrainConfig
+from exosight.learning.fresh import Block, Blocks
 from exosight.learning.history import EpochRecord
 from exosight.learning.model_file import ModelCard
 from exosight.vision.camera import Camera
@@ -93,12 +97,14 @@ def fit(
     folder: Path,
     *,
     more: Sequence[Data] = (),
+    fresh: int = 0,
     resume: bool,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> tuple[EpochRecord, ...]:
     """Train a network, export it to `folder/model.onnx`, and return its loss curves.
 
     more   datasets to learn from as well, without what `split` keeps for judging, see `widened`
+    fresh  shapes of each scenario simulated anew for each epoch, see `exosight.dataset.stream`
     """
     from exosight.learning import export_onnx, train
 
@@ -110,8 +116,9 @@ def fit(
         wider.train,
         wider.validation,
         folder,
-        identity(data, split, more),
+        {**identity(data, split, more), "fresh": fresh},
         auxiliary=auxiliary(frames),
+        fresh=_fresh(data, fresh) if fresh else None,
         resume=resume,
         progress=lambda at: progress(at.step, at.steps),
     )
@@ -119,6 +126,20 @@ def fit(
         kept = split.validation
         export_onnx(folder, folder / MODEL, data.frames.images[kept], data.frames.forces[kept])
     return result.history
+
+
+def _fresh(data: Data, per_scenario: int) -> Blocks:
+    """Blocks of frames as those of the dataset, of shapes that it does not have."""
+
+    def blocks(first: int) -> Iterator[Block]:
+        known = TypeAdapter(GenerateConfig).validate_python(data.manifest.config)
+        with stream(
+            replace(known, per_scenario=per_scenario), exclude=sampled_shapes(data.manifest), start=first
+        ) as found:
+            for frames in found:
+                yield Block(frames.images, frames.forces, auxiliary(frames))
+
+    return blocks
 
 
 def auxiliary(frames: Frames) -> Float32[np.ndarray, "frames 5"]:

@@ -4,7 +4,7 @@ import contextlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -18,6 +18,7 @@ from exosight.errors import InputError
 from exosight.learning.augmentation import augment
 from exosight.learning.checkpoint import Position, RunIdentity
 from exosight.learning.config import Precision, Settings, TrainConfig, resolve
+from exosight.learning.fresh import Block, Blocks, Shown, shown
 from exosight.learning.history import EpochRecord
 from exosight.learning.losses import force_loss, training_loss
 from exosight.learning.networks import ForceModel, answers
@@ -73,6 +74,7 @@ def train(
     data_identity: Mapping[str, str | int | float],
     *,
     auxiliary: Float32[np.ndarray, "frames auxiliary"] | None = None,
+    fresh: Blocks | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> TrainResult:
@@ -85,6 +87,7 @@ def train(
     folder            gets `checkpoint.safetensors` and `history.csv`; other files in it are left alone
     data_identity     what the frames are (camera, seed, versions …): kept with the network for its whole life
     auxiliary         what else a light network learns to tell, as it helps to tell forces: joint angles, …
+    fresh             frames learned from in one epoch only, in place of as many of the others
 
     Raises InputError for frames that cannot be learned from, a folder that already holds a run, a run to be
     resumed that is another one, and a loss that is no longer finite; DataError for a damaged checkpoint.
@@ -108,16 +111,22 @@ def train(
     )
     with _compute(settings):
         run = open_run(identity, folder, resume)
+        blocks = fresh(run.position.epoch) if fresh and not run.position.complete else None
         while not run.position.complete:
-            _run_epoch(run, samples, progress)
+            block = next(blocks) if blocks else None
+            _run_epoch(run, samples, block, progress)
+        if isinstance(blocks, Generator):
+            blocks.close()
     return TrainResult(folder, run.history, run.history[run.position.best_epoch - 1])
 
 
-def _run_epoch(run: Run, samples: Samples, progress: Callable[[Progress], None] | None) -> None:
+def _run_epoch(
+    run: Run, samples: Samples, block: Block | None, progress: Callable[[Progress], None] | None
+) -> None:
     """Take a run from where it stands to the end of its epoch."""
     settings, epoch = run.identity.settings, run.position.epoch + 1
     started = time.perf_counter() - run.position.seconds
-    rate = _run_steps(run, samples, started, progress)
+    rate = _run_steps(run, shown(samples, block, settings.seed, epoch), started, progress)
     loss = l1 = None
     if epoch % run.recipe.validate_every == 0 or epoch == settings.epochs:
         loss, l1 = _validate(run, samples)
@@ -145,12 +154,10 @@ def _run_epoch(run: Run, samples: Samples, progress: Callable[[Progress], None] 
     run.save()
 
 
-def _run_steps(
-    run: Run, samples: Samples, started: float, progress: Callable[[Progress], None] | None
-) -> float:
+def _run_steps(run: Run, frames: Shown, started: float, progress: Callable[[Progress], None] | None) -> float:
     """Take the steps left in the epoch, with a checkpoint now and then; returns the last learning rate."""
     settings, epoch = run.identity.settings, run.position.epoch + 1
-    batches = epoch_batches(samples.train_index, settings.batch, settings.seed, epoch)
+    batches = epoch_batches(frames.rows, settings.batch, settings.seed, epoch)
     steps = settings.epochs * len(batches)
     latest = run.history[-1] if run.history else None
     # A resumed epoch may have no step left, yet its record names the rate of its last one.
@@ -158,10 +165,10 @@ def _run_steps(
     saved = time.perf_counter()
     for chosen in batches[run.position.batch :]:
         rate = run.recipe.rate(settings.learning_rate, run.position.step, steps, run.history)
-        images: np.ndarray = samples.images[chosen]
+        images: np.ndarray = frames.images[chosen]
         if run.recipe.augments:
             images = augment(images, settings.seed, epoch, run.position.batch)
-        loss = _step(run, images, samples.forces[chosen], samples.auxiliary[chosen], rate)
+        loss = _step(run, images, frames.forces[chosen], frames.auxiliary[chosen], rate)
         _require_finite(loss, "loss", epoch, settings)
         now = time.perf_counter()
         run.position = replace(

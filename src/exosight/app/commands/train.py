@@ -7,7 +7,7 @@ import tyro
 
 from exosight.app.commands.options import Seed
 from exosight.app.console import progress, say
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
 from exosight.learning.config import TrainConfig
 
 DEFAULT = TrainConfig()
@@ -17,6 +17,7 @@ def train(
     data: Path,
     out: Path,
     more: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH …", help_behavior_hint="")] = (),
+    fresh: Annotated[int, tyro.conf.arg(metavar="SHAPES")] = 0,
     protocol: Literal["shape", "frame", "family"] = "shape",
     held_out: Annotated[str | None, tyro.conf.arg(metavar="FAMILY", help_behavior_hint="")] = None,
     split_seed: Seed = 0,
@@ -35,6 +36,7 @@ def train(
         data: folder of a dataset, from `exosight generate`
         out: folder of the run; it must not exist, unless --resume
         more: folders of further datasets to learn from; what --data keeps for judging is left out of them
+        fresh: shapes of each scenario simulated anew for every epoch, and learned from in it alone
         protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's) or family
         held_out: family of shapes kept for testing, with --protocol family
         split_seed: seed of the division
@@ -43,6 +45,11 @@ def train(
     """
     if out.exists() and not resume:
         raise DataError(f"{out}: exists already; name a new folder, or add --resume to go on with its run")
+    if fresh < 0 or (fresh and protocol == "family"):
+        raise InputError(
+            f"--fresh: expected 0 or more shapes, and not with --protocol family, whose held-out family they "
+            f"would hold, got {fresh}"
+        )
     # Here, so that --help and wrong options answer at once.
     from exosight.app.pipeline import MODEL, check_training, fit, load
     from exosight.dataset import make_split
@@ -52,7 +59,7 @@ def train(
     further = [load(folder) for folder in more]
     split = make_split(loaded.frames, protocol, split_seed, held_out)
     with progress("training", "steps") as update:
-        history = fit(loaded, split, config, out, more=further, resume=resume, progress=update)
+        history = fit(loaded, split, config, out, more=further, fresh=fresh, resume=resume, progress=update)
     parts = (len(split.train), len(split.validation), len(split.test))
     say("{} of its frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
     best = min((r for r in history if r.validation_l1 is not None), key=lambda r: r.validation_l1 or 0.0)

@@ -1,0 +1,71 @@
+"""Fresh frames in an epoch: learned from once, in place of as many of the stored ones."""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float32, Integer, UInt8
+
+from exosight.errors import InputError
+from exosight.learning.samples import CONTACTS, Samples
+
+
+class Block(NamedTuple):
+    """Frames that no epoch has seen before."""
+
+    images: UInt8[np.ndarray, "frames height width"]
+    forces: Float32[np.ndarray, "frames 7"]
+    """C1…C7 [N]"""
+    auxiliary: Float32[np.ndarray, "frames auxiliary"]
+
+
+Blocks = Callable[[int], Iterator[Block]]
+"""From the number of an epoch, counted from 0, its block and those of the epochs after it."""
+
+
+class Joined:
+    """The images of a dataset, then those of a block, picked by number without a copy of them all."""
+
+    def __init__(self, stored: np.ndarray, fresh: np.ndarray) -> None:
+        self._stored, self._fresh = stored, fresh
+
+    def __getitem__(self, chosen: Integer[np.ndarray, " n"]) -> UInt8[np.ndarray, "n height width"]:
+        picked = np.empty((len(chosen), *self._stored.shape[1:]), np.uint8)
+        old = chosen < len(self._stored)
+        picked[old] = self._stored[chosen[old]]
+        picked[~old] = self._fresh[chosen[~old] - len(self._stored)]
+        return picked
+
+
+class Shown(NamedTuple):
+    """What one epoch learns from, a row a frame."""
+
+    images: UInt8[np.ndarray, "frames height width"] | Joined
+    forces: Float32[np.ndarray, "frames 7"]
+    auxiliary: Float32[np.ndarray, "frames auxiliary"]
+    rows: Integer[np.ndarray, " n"]
+    """those to learn from"""
+
+
+def shown(samples: Samples, block: Block | None, seed: int, epoch: int) -> Shown:
+    """The frames of one epoch: those of the block, and stored ones drawn at random up to the usual number.
+
+    Epochs keep their length, and with it the schedule. A block of more frames than an epoch is cut.
+
+    Raises InputError for a block of another image size.
+    """
+    if block is None:
+        return Shown(samples.images, samples.forces, samples.auxiliary, samples.train_index)
+    size, stored = samples.images.shape[1:], len(samples.images)
+    if block.images.shape[1:] != size or block.forces.shape[1:] != (len(CONTACTS),):
+        raise InputError(f"fresh frames: expected images of {size} pixels, got {block.images.shape[1:]}")
+    usual = len(samples.train_index)
+    fresh = np.arange(stored, stored + min(len(block.images), usual))
+    draw = np.random.default_rng([seed, epoch, 1])
+    kept = draw.choice(samples.train_index, usual - len(fresh), replace=False)
+    return Shown(
+        Joined(samples.images, block.images),
+        np.concatenate([samples.forces, block.forces]),
+        np.concatenate([samples.auxiliary, block.auxiliary[:, : samples.auxiliary.shape[1]]]),
+        np.concatenate([kept, fresh]),
+    )

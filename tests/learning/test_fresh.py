@@ -1,0 +1,68 @@
+"""Epochs with fresh frames among them."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from exosight.errors import InputError
+from exosight.learning import TrainConfig, train
+from exosight.learning.checkpoint import load_checkpoint
+from exosight.learning.fresh import Block, shown
+from exosight.learning.samples import Samples
+
+
+def block(samples: Samples, count: int, gray: int = 0) -> Block:
+    images = np.full((count, *samples.images.shape[1:]), gray, np.uint8)
+    return Block(images, np.full((count, 7), 0.5, np.float32), np.full((count, 2), 0.5, np.float32))
+
+
+@given(st.integers(0, 100), st.integers(0, 2**31), st.integers(1, 1000))
+def test_an_epoch_keeps_its_length_and_shows_every_frame_once(count: int, seed: int, epoch: int) -> None:
+    forces = np.zeros((80, 7), np.float32)
+    numbered = np.arange(80, dtype=np.uint8)[:, None, None] * np.ones((1, 2, 2), np.uint8)
+    samples = Samples(numbered, forces, np.arange(10, 74), np.arange(74, 80), forces[:, :2])
+    epoch_frames = shown(samples, block(samples, count, gray=255), seed, epoch)
+    assert len(set(epoch_frames.rows)) == 64
+    grays = epoch_frames.images[epoch_frames.rows][:, 0, 0]
+    assert np.sum(grays == 255) == min(count, 64)  # all of the block that fits
+    old = epoch_frames.rows[grays != 255]
+    np.testing.assert_array_equal(grays[grays != 255], old)  # a number still names its own image
+    assert set(old) <= set(range(10, 74))
+    np.testing.assert_array_equal(epoch_frames.forces[epoch_frames.rows[grays == 255]], 0.5)
+
+
+def test_a_block_of_another_size_is_refused(blobs: Samples) -> None:
+    wrong = Block(np.zeros((3, 8, 8), np.uint8), np.zeros((3, 7), np.float32), np.zeros((3, 2), np.float32))
+    with pytest.raises(InputError, match="expected images of"):
+        shown(blobs, wrong, 0, 1)
+
+
+def test_a_stopped_run_resumes_with_the_block_of_its_epoch(
+    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: dict
+) -> None:
+    asked: list[int] = []
+
+    def blocks(first: int) -> Iterator[Block]:
+        asked.append(first)
+        for epoch in range(first, 100):
+            yield block(blobs, 16, gray=epoch)
+
+    def stop(at: object) -> None:
+        if getattr(at, "step", 0) == 10:  # within the third epoch of four steps
+            raise KeyboardInterrupt
+
+    index = (blobs.train_index, blobs.validation_index)
+    what = (small, blobs.images, blobs.forces, *index)
+    options = {"auxiliary": blobs.auxiliary, "fresh": blocks}
+    train(*what, tmp_path / "whole", identity, **options)
+    with pytest.raises(KeyboardInterrupt):
+        train(*what, tmp_path / "stopped", identity, **options, progress=stop)
+    train(*what, tmp_path / "stopped", identity, **options, resume=True)
+    assert asked == [0, 0, 2]
+    whole, stopped = (load_checkpoint(tmp_path / name).tensors for name in ("whole", "stopped"))
+    assert all(torch.equal(tensor, stopped[name]) for name, tensor in whole.items())
