@@ -185,5 +185,5 @@ export function explore(about, problem) {
   build();
   showU();
   update();
-  return { view };
+  return { view, seen: () => shown };
 }

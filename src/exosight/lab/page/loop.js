@@ -8,7 +8,7 @@ import { by, download, html, newtons, round125 } from "./svg.js";
 
 const PERIOD = 100;  // ms a step
 
-export function loop(about, view, problem) {
+export function loop(about, view, seen, problem) {
   const run = { target: about.run.target.start, law: "scheduled", gain: about.run.gain.start, sensor: "network", disturbance: "none" };
   const pose = scene(by("loop-pose"));
   const force = lineChart(by("loop-chart"), "Force over time", "time [s]", "force [N]");
@@ -70,14 +70,18 @@ export function loop(about, view, problem) {
     by("play").textContent = "Play";
   }
 
+  function picture(data, words) {
+    by("loop-image").hidden = !data;
+    by("loop-lost").hidden = !!data;
+    by("loop-image").alt = words;
+    if (data) by("loop-image").src = `data:image/png;base64,${data}`;
+  }
+
   function show(index) {
     at = index;
     const step = steps[index];
     pose.draw(step.scene);
-    by("loop-image").hidden = !step.image;
-    by("loop-lost").hidden = !!step.image;
-    by("loop-image").alt = `Camera image at ${step.time.toFixed(1)} s`;
-    if (step.image) by("loop-image").src = `data:image/png;base64,${step.image}`;
+    picture(step.image, `Camera image at ${step.time.toFixed(1)} s`);
     by("loop-target").textContent = newtons(step.target);
     by("loop-true").textContent = newtons(step.F_net);
     by("loop-measured").textContent = step.reading ? newtons(step.reading.F_net) : "none";
@@ -127,6 +131,12 @@ export function loop(about, view, problem) {
     return found;
   }
 
+  /** Until something has run, what the first tab shows. */
+  document.addEventListener("shown", () => {
+    if (steps.length || !seen()) return;
+    pose.draw(seen().scene);
+    picture(seen().image, "Camera image");
+  });
   by("play").addEventListener("click", play);
   by("time").addEventListener("input", () => { if (playing) pause(); show(Number(by("time").value)); });
   by("save-run").addEventListener("click", () => {

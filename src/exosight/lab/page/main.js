@@ -52,8 +52,8 @@ function problem(sentence = "") {
 
 try {
   const known = await about();
-  const { view } = explore(known, problem);
-  loop(known, view, problem);
+  const { view, seen } = explore(known, problem);
+  loop(known, view, seen, problem);
   estimate();
 } catch (error) {
   by("status").hidden = true;
