@@ -1,5 +1,6 @@
 """The documentation site: `make docs` builds it into site/, with warnings as errors."""
 
+import logging
 import sys
 from pathlib import Path
 
@@ -9,6 +10,9 @@ sys.path.insert(0, str(HERE))  # for _parts
 # First of all: it chooses where JAX keeps compiled code, which JAX reads when it is imported.
 import exosight.app  # noqa: E402, F401
 from exosight import __version__  # noqa: E402
+
+for name in ("jax", "onnx_ir", "onnxscript"):  # tell much that is no news
+    logging.getLogger(name).setLevel(logging.WARNING)
 
 project, author, release, version = "exosight", "The exosight developers", __version__, __version__
 copyright = "the exosight developers, MIT licence"
@@ -40,6 +44,7 @@ sphinx_gallery_conf = {
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("_parts.pictures.scraper",),
     "abort_on_example_error": True,
+    "capture_repr": (),
     "download_all_examples": False,
     "write_computation_times": False,
     "show_signature": False,

@@ -108,8 +108,8 @@ for young in (200e3, 300e3, 600e3):
 # Can the shipped network read it?
 # --------------------------------
 #
-# It was trained on the five families. Waists as deep as this one are none of them; its score says whether
-# to believe it: above 1, do not.
+# It was trained on the five families, and a waist as deep as this one is none of them. The score for unlike
+# pictures says whether to believe it: above 1, do not. Here it may be believed.
 
 from exosight.control import OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL

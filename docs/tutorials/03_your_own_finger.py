@@ -42,7 +42,7 @@ poses = {
     name: simulate(Exosuit(CONTROL_SHAPE, finger=finger), [LOAD]).pose for name, finger in FINGERS.items()
 }
 for name, pose in poses.items():
-    angles = ", ".join(f"{angle:.0f}°" for angle in np.rad2deg(pose.joint_angles[0]))
+    angles = ", ".join(f"{round(float(angle))}°" for angle in np.rad2deg(pose.joint_angles[0]))
     forces = " ".join(f"{1000 * force:4.0f}" for force in pose.forces[0, 1:])
     print(f"{name:14s} F_net {float(pose.net_force[0]):.3f} N, C1…C7 [mN] {forces}, joints {angles}")
 
@@ -64,7 +64,7 @@ seen = pose_strip(images, list(FINGERS))
 # ----------------------
 #
 # The shipped network has learned from the published finger alone. A finger of half the stiffness looks
-# possible to it, and it answers the force that the published finger would have needed for that pose: nearly
+# possible to it, and it answers the force that the published finger would have needed for that pose: about
 # twice too much. The score for unlike pictures does not warn, because nothing in the picture is odd. **No
 # silhouette shows a stiffness**: whoever needs newtons has to measure one (:doc:`/identifiability`).
 
