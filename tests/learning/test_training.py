@@ -1,3 +1,4 @@
+import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -5,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
 
 from exosight.errors import InputError
 from exosight.learning import EpochRecord, TrainConfig, TrainResult, load_model, read_history, train, training
 from exosight.learning.checkpoint import CHECKPOINT_NAME, Checkpoint, load_checkpoint
 from exosight.learning.samples import Samples
-from exosight.learning.training import Progress
+from exosight.learning.training import BOARD_NAME, Progress
 
 Identity = dict[str, str | int | float]
 
@@ -192,7 +194,8 @@ def test_other_files_in_the_folder_are_left_alone(
     (tmp_path / "config.json").write_text("mine")
     run(replace(small, epochs=1), blobs, tmp_path, identity)
     assert (tmp_path / "config.json").read_text() == "mine"
-    assert {path.name for path in tmp_path.iterdir()} == {"config.json", "history.csv", CHECKPOINT_NAME}
+    made = {"history.csv", CHECKPOINT_NAME, BOARD_NAME}
+    assert {path.name for path in tmp_path.iterdir()} == {"config.json", *made}
 
 
 @pytest.mark.parametrize(
@@ -266,3 +269,24 @@ def test_progress_is_told_after_every_step(
 def test_a_missing_gpu_is_said(tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity):
     with pytest.raises(InputError, match="no GPU"):
         run(replace(small, device="cuda"), blobs, tmp_path / "run", identity)
+
+
+def test_tensorboard_reads_the_curves_of_a_run_that_was_stopped(
+    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
+) -> None:
+    """Once each, in the format of its event files: length, checksum, record, checksum."""
+    with pytest.raises(Killed):
+        run(small, blobs, tmp_path / "run", identity, progress=kill_after(15))
+    result = run(small, blobs, tmp_path / "run", identity, resume=True)
+    found = {}
+    for path in sorted((tmp_path / "run" / BOARD_NAME).glob("events.*")):
+        content, at = path.read_bytes(), 0
+        while at < len(content):
+            (length,) = struct.unpack_from("<Q", content, at)
+            event = Event.FromString(content[at + 12 : at + 12 + length])
+            for value in event.summary.value:
+                assert (value.tag, event.step) not in found
+                found[value.tag, event.step] = value.simple_value
+            at += 12 + length + 4
+    expected = {(name, r.step): value for r in result.history for name, value in r.curves().items()}
+    assert found == pytest.approx(expected, rel=1e-6)  # stored in single precision

@@ -32,6 +32,16 @@ class EpochRecord:
     seconds: float
     """time spent training since the start [s]"""
 
+    def curves(self) -> dict[str, float]:
+        """What is drawn over the steps: name → value, in the letters that TensorBoard takes."""
+        found = {
+            "learning_rate": self.learning_rate,
+            "loss/training": self.train_loss,
+            "loss/validation": self.validation_loss,
+            "mean_error_in_N": self.validation_l1,
+        }
+        return {name: value for name, value in found.items() if value is not None}
+
 
 _COLUMNS = [field.name for field in fields(EpochRecord)]
 _HISTORY = pydantic.TypeAdapter(tuple[EpochRecord, ...], config=pydantic.ConfigDict(allow_inf_nan=False))

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, Integer, UInt8
+from tensorboardX import SummaryWriter
 from torch import Tensor, nn
 
 from exosight.errors import InputError
@@ -35,6 +36,9 @@ from exosight.learning.samples import (
 
 CHECKPOINT_SECONDS = 30.0
 """Within a long epoch, the most work a killed run loses [s]; every epoch ends in a checkpoint anyway."""
+
+BOARD_NAME = "tensorboard"
+"""Folder of the loss curves as TensorBoard reads them: `tensorboard --logdir` the folder above."""
 
 _VALIDATION_BATCH = 256
 
@@ -111,13 +115,27 @@ def train(
     )
     with _compute(settings):
         run = open_run(identity, folder, resume)
-        blocks = fresh(run.position.epoch) if fresh and not run.position.complete else None
-        while not run.position.complete:
-            block = next(blocks) if blocks else None
-            _run_epoch(run, samples, block, progress)
-        if isinstance(blocks, Generator):
-            blocks.close()
+        if not run.position.complete:
+            _run(run, samples, fresh, progress)
     return TrainResult(folder, run.history, run.history[run.position.best_epoch - 1])
+
+
+def _run(
+    run: Run,
+    samples: Samples,
+    fresh: Blocks | None,
+    progress: Callable[[Progress], None] | None,
+) -> None:
+    """Take a run to its end, its curves into TensorBoard's files as well."""
+    blocks = fresh(run.position.epoch) if fresh else None
+    with SummaryWriter(str(run.folder / BOARD_NAME), purge_step=run.position.step + 1) as board:
+        while not run.position.complete:
+            _run_epoch(run, samples, next(blocks) if blocks else None, progress)
+            latest = run.history[-1]
+            for name, value in latest.curves().items():
+                board.add_scalar(name, value, latest.step)
+    if isinstance(blocks, Generator):
+        blocks.close()
 
 
 def _run_epoch(
