@@ -30,8 +30,10 @@ UNITS = {
 }
 
 
-def bench_tables(found: dict[str, Any]) -> str:
-    """What was measured, a table a benchmark."""
+def bench_tables(found: dict[str, Any] | None) -> str:
+    """What was measured, a table a benchmark; None: nothing was, in this version."""
+    if found is None:
+        return "Nothing has been measured in this version yet: `make bench`, on an idle machine.\n"
     lines = [f"Load average before the run: {found['load_before']} on {found['cores']} cores.", ""]
     for name, title in TITLES.items():
         lines += [f"## {title}", "", "| quantity | value | unit |", "| --- | --- | --- |"]
@@ -79,7 +81,7 @@ def pages() -> dict[Path, str]:
     """Every page that this makes, as it should be."""
     made = {}
     for name, mark, table in (
-        ("benchmarks.md", "bench", bench_tables(json.loads(BENCH.read_text()))),
+        ("benchmarks.md", "bench", bench_tables(json.loads(BENCH.read_text()) if BENCH.exists() else None)),
         ("matlab.md", "onnx", onnx_table(DEFAULT_MODEL)),
     ):
         path = HERE / name

@@ -138,7 +138,8 @@ def _try_jax() -> str:
         devices = import_module("jax").devices()
     except Exception as error:  # a broken driver raises anything
         return f"does not work: {_first_line(error)}"
-    return ", ".join(f"{device.platform}: {device.device_kind}" for device in devices)
+    kinds = [(device.platform, device.device_kind) for device in devices]
+    return ", ".join(where if where == kind else f"{where}: {kind}" for where, kind in kinds)
 
 
 def _try_torch() -> str:
@@ -182,7 +183,7 @@ def _cache() -> str:
     if not os.access(there, os.W_OK | os.X_OK):
         return f"{path}, which cannot be written; every process compiles anew"
     size = sum(file.stat().st_size for file in path.rglob("*") if file.is_file()) if path.is_dir() else 0
-    return f"{path}, {size / 2**20:.0f} MiB"
+    return f"{path}, {size / 2**20:.1f} MiB"
 
 
 def _memory() -> float | None:
