@@ -1,4 +1,6 @@
-"""The animation at the top of the README: docs/images/animation.gif, simulated and estimated anew.
+"""The animation at the top of the README, and one picture of it as the camera sees it.
+
+docs/images/animation.gif and docs/images/camera.png, simulated and estimated anew.
 
 An exosuit bends the finger while u rises and falls; beside it what the camera sees, and the forces that the
 network that comes with the package reads off it, with 90 % intervals, beside the true ones.
@@ -22,7 +24,9 @@ from exosight.mechanics import SphereContact, follow, stack, walk
 from exosight.vision.camera import Camera, project
 from exosight.vision.scene import picture
 
-TARGET = Path(__file__).parent / "images" / "animation.gif"
+IMAGES = Path(__file__).parent / "images"
+TARGET, SEEN = IMAGES / "animation.gif", IMAGES / "camera.png"
+SEEN_AT = 2.4  # [N], on the way up: the load at which the paper gives a force
 NEAR = Camera(centre=(0.047, -0.012), metres_per_pixel=2.6e-4, width=460, height=400)
 NEWTON = 0.15  # an arrow of 1 N is so long [m]
 TOP, STEP = 3.6, 0.1  # [N]
@@ -111,6 +115,7 @@ def main() -> None:
     """Simulate, estimate, draw."""
     exosuit, u, pose, push, centres = simulated()
     seen, near = picture(exosuit, pose, Camera()), picture(exosuit, pose, NEAR)
+    Image.fromarray(seen[int(np.argmin(np.abs(u - SEEN_AT)))]).save(SEEN, optimize=True)
     read: Reading = OnnxEstimator.load(DEFAULT_MODEL).read(seen)
     true = np.asarray(pose.forces[:, 1:])
     radii = np.array(exosuit.finger.sphere_radii())

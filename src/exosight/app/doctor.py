@@ -18,7 +18,6 @@ GIVES = {
     "test": "the tests",
     "docs": "the documentation site",
     "lab": "the local web page",
-    "gym": "the reinforcement-learning environment",
 }
 """What an extra of the package is for."""
 
