@@ -151,7 +151,7 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     lines = found["convergence"]
     machine = found["neighbours"]["machine"]
     return {
-        "elastica": _table(
+        "elastica": table_of(
             ["α = P L²/EI", "x/L", "z/L", *(f"error, {n} elements" for n in lines["elastica"]["error"])],
             [
                 [f"{load:g}", f"{x:.8f}", f"{z:.8f}", *(_power(e) for e in errors)]
@@ -163,22 +163,22 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                 )
             ],
         ),
-        "sorosim": _table(["case", "allowed", "found"], _sorosim(found["sorosim"])),
-        "basis": _table(
+        "sorosim": table_of(["case", "allowed", "found"], _sorosim(found["sorosim"])),
+        "basis": table_of(
             ["basis", "coordinates", "error of the tip / length", "order in the elements"],
             [
                 [name, _list(line["coordinates"]), _powers(line["error"]), _orders(line, "elements")]
                 for name, line in lines["basis"].items()
             ],
         ),
-        "steps": _table(
+        "steps": table_of(
             ["tip of", "steps", "error / length", "order"],
             [
                 [name, _list(line["steps"]), _powers(line["error"]), _orders(line, "steps")]
                 for name, line in lines["steps"].items()
             ],
         ),
-        "newton": _table(
+        "newton": table_of(
             ["residual of", "after each iteration"],
             [[name, _powers(line)] for name, line in lines["newton"].items()],
         ),
@@ -187,7 +187,7 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
             f"Machine: {machine['cpu']}, {machine['cores']} cores, load average {machine['load_before']} "
             f"before the run. {', '.join(f'{k} {v}' for k, v in machine['versions'].items())}."
         ),
-        "neighbours": _table(
+        "neighbours": table_of(
             ["problem", "program", "setting", "error", "time [s]", "processor time [s]", "first call [s]"],
             [
                 [
@@ -201,7 +201,8 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of Markdown."""
     return "\n".join("| " + " | ".join(row) + " |" for row in [head, ["---"] * len(head), *rows])
 
 

@@ -22,6 +22,7 @@ COMMANDS = {
     "estimate": "contact forces from pictures",
     "evaluate": "a network judged beside the paper's",
     "control": "the closed loop, with a network or the true force as sensor",
+    "stress": "the controllers in random episodes in which much goes wrong",
     "study": "all of it, from simulation to one report",
     "bench": "how many equilibria a second this machine solves",
     "export": "a dataset or a simulated path for MATLAB and other programs",

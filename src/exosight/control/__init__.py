@@ -3,6 +3,8 @@
 plant       what a controller can actuate and look at
 simulated   that plant as a simulation (needs JAX: `exosight.control.simulated`)
 estimator   contact forces from images
+calibration a network whose errors on one exosuit are known (needs JAX: `exosight.control.calibration`)
+batch       many simulated plants side by side (needs JAX: `exosight.control.batch`)
 laws        from target and measured force to the next actuation
 loop        measure, ask the law, actuate, step after step
 paths       what a controller knows of its exosuit: force paths up and down, limits
@@ -12,12 +14,13 @@ guard       what may be trusted, and what to do when it may not: normal, slow, h
 guarded     the loop with that law and guard in it
 responses   settling, overshoot, steady-state error
 trials      the paper's three constant targets and three step responses
+stress      many random episodes in which much goes wrong
 """
 
-from exosight.control.estimator import Estimator, OnnxEstimator
+from exosight.control.estimator import Estimator, OnnxEstimator, Reader
 from exosight.control.guard import GuardConfig, Guarded, Sight, State, Transition
 from exosight.control.guarded import Sense, run_guarded, sight_from, true_sight
-from exosight.control.laws import Law, Proportional
+from exosight.control.laws import Law, OpenLoop, Proportional
 from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_force
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import Observation, Plant
@@ -37,8 +40,10 @@ __all__ = [
     "Measure",
     "Observation",
     "OnnxEstimator",
+    "OpenLoop",
     "Plant",
     "Proportional",
+    "Reader",
     "Record",
     "Response",
     "Scheduled",

@@ -43,6 +43,15 @@ class Reading:
     """how unlike those learned from an image is, as a share of what is still trusted: above 1, do not"""
 
 
+@runtime_checkable
+class Reader(Protocol):
+    """An estimator that also tells how far to trust it; all that a guard's eyes need."""
+
+    def read(self, images: np.ndarray, level: float = 0.9) -> Reading:
+        """Forces, intervals, contact and how unlike those learned from each image is."""
+        ...
+
+
 @dataclass(frozen=True)
 class OnnxEstimator:
     """A trained network, run by ONNX Runtime on the CPU; needs no PyTorch."""

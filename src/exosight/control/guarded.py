@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from exosight.control.estimator import OnnxEstimator, Reading
+from exosight.control.estimator import Reader, Reading
 from exosight.control.guard import Guarded, Sight
 from exosight.control.loop import Record, run
 from exosight.control.plant import Observation, Plant
@@ -15,7 +15,7 @@ Sense = Callable[[Observation], Sight]
 """What the guard is shown of an observation; wrap it to delay, drop or spoil frames."""
 
 
-def sight_from(estimator: OnnxEstimator) -> Sense:
+def sight_from(estimator: Reader) -> Sense:
     """Picture, estimate, interval and score; a network that answers no number has answered nothing."""
 
     def sense(observation: Observation) -> Sight:

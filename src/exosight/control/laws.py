@@ -4,6 +4,9 @@ import math
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
+from exosight.control.paths import ControllerConfig
 from exosight.control.plant import ACTUATION_LIMIT
 from exosight.errors import InputError
 
@@ -65,3 +68,22 @@ class Proportional:
         if math.isfinite(measured):
             self._u = max(-self.limit, min(self.limit, self._u + self.gain * (target - measured)))
         return self._u
+
+
+@dataclass(frozen=True)
+class OpenLoop:
+    """No feedback: the load at which the solved path up first shows the target, whatever is measured."""
+
+    config: ControllerConfig
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def next(self, target: float, measured: float) -> float:
+        """The actuation u = U↑(F_t) [N]; 0 for no target.
+
+        Raises InputError if the target is no finite number.
+        """
+        if not math.isfinite(target):
+            raise InputError(f"target force: expected a finite number of newtons, got {target}")
+        return float(np.interp(target, *self.config.loading.inverse())) if target > 0 else 0.0

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from exosight.arrays import AnyArray
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.mechanics.lanes import cores, width
 from exosight.mechanics.newton import Path, begin, stepper
@@ -63,8 +64,9 @@ def march(
         loads = start[:, None] + number[:, :, None] * size[:, None]
         # The last load is the one asked for, to the last digit.
         loads = np.where((number == steps[:, None])[:, :, None], end[:, None], loads)
-        own = np.flatnonzero(left)
-        for part, found, count in _solve(robots, q, loads, left, own[np.argsort(-left[own])], options):
+        # Neighbours in the order have about as much to do: as many loads, as far apart.
+        order = np.lexsort((-np.abs(size).max(axis=1), -left))[: np.count_nonzero(left)]
+        for part, found, count in _solve(robots, q, loads, left, order, options):
             moved = part[count > 0]
             q[moved] = found[count > 0]
             at[moved] = loads[moved, count[count > 0] - 1]
@@ -84,16 +86,16 @@ def _solve(
     lanes = min(width(options.lanes), 1 << (len(q) - 1).bit_length())
     leaves, structure = jax.tree.flatten(robots)
     leaves = [np.asarray(leaf) for leaf in leaves]
+    limits = np.asarray(options.tolerance), np.asarray(options.max_iterations)
 
     def work(group: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         # Always the same number of lanes, so that code is compiled once; spare ones have nothing to do.
         rows = np.concatenate([group, np.repeat(group[:1], lanes - len(group))])
         count = np.where(np.arange(lanes) < len(group), left[rows], 0)
         own = jax.tree.unflatten(structure, [leaf[rows] for leaf in leaves])
-        found, solved = _compiled(own, q[rows], loads[rows], count, options.tolerance, options.max_iterations)
+        found, solved = _compiled(own, q[rows], loads[rows], count, *limits)
         return group, np.asarray(found)[: len(group)], np.asarray(solved)[: len(group)]
 
-    # Neighbours in the order have about as much to do.
     groups = [order[first : first + lanes] for first in range(0, len(order), lanes)]
     if len(groups) < 2 or jax.default_backend() != "cpu":
         yield from map(work, groups)
@@ -109,8 +111,8 @@ def _compiled(
     q: Float[Array, "lanes dofs"],
     loads: Float[Array, "lanes room channels"],
     count: Int[Array, " lanes"],
-    tolerance: float | Array,
-    max_iterations: int | Array,
+    tolerance: Float[AnyArray, ""],
+    max_iterations: Int[AnyArray, ""],
 ) -> tuple[Float[Array, "lanes dofs"], Int[Array, " lanes"]]:
     """The last equilibrium of each robot, and how many of its loads were solved one after the other."""
 

@@ -8,6 +8,7 @@ sample_traces, predicted_against_true, rainclouds           accuracy.py
 reliability                                                 reliability.py
 corrupted_examples, robustness_bars                         robustness.py
 steady_states, step_responses                               control.py
+stress                                                      stress.py
 to_svg                                                      style.py
 """
 
@@ -18,6 +19,7 @@ from exosight.evaluation.figures.learning import loss_curves
 from exosight.evaluation.figures.motion import find_snaps, loading_path, overview, pose_strip, sphere_centres
 from exosight.evaluation.figures.reliability import reliability
 from exosight.evaluation.figures.robustness import corrupted_examples, robustness_bars
+from exosight.evaluation.figures.stress import stress
 from exosight.evaluation.figures.style import to_svg
 
 __all__ = [
@@ -36,5 +38,6 @@ __all__ = [
     "sphere_centres",
     "steady_states",
     "step_responses",
+    "stress",
     "to_svg",
 ]

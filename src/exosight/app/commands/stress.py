@@ -1,0 +1,63 @@
+"""`exosight stress`: the controllers in many random episodes in which much goes wrong."""
+
+from contextlib import nullcontext
+from typing import Annotated
+
+import tyro
+from pydantic import Field
+
+from exosight.app.commands.options import Json, MaybePath, Seed
+from exosight.app.console import check_json_target, say, show, write_json
+from exosight.app.output import new_folder
+from exosight.control.stress import StressConfig
+
+DEFAULT = StressConfig()
+
+Gain = Annotated[float, Field(gt=0, le=1e4)]
+
+
+def stress(
+    config: Annotated[StressConfig, tyro.conf.arg(name="")] = DEFAULT,
+    episodes: Annotated[int, Field(ge=1, le=100_000)] = 1000,
+    seed: Seed = 0,
+    gains: tuple[Gain, ...] = (5.0,),
+    model: MaybePath = None,
+    out: MaybePath = None,
+    json: Json = None,
+) -> None:
+    """Run the guarded controller and the paper's law in random episodes, all stepped side by side.
+
+    In each episode a target is followed and then drops to 0 N; frames come late, twice, spoilt or not at all,
+    exosuit, finger and camera are not those that were tuned for, and the user moves. The sensor is a network
+    that sees camera images; without one it is the true force.
+
+    Examples:
+      exosight stress --episodes 100
+      exosight stress --model results/light/model.onnx --out results/stress
+      exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --bursts 0 --no-wrong-plant
+
+    Args:
+        config: what may go wrong
+        episodes: how many
+        seed: seed of all that is drawn
+        gains: K_P of the paper's law, one run each [N/N]; none: the guarded controller alone
+        model: exported network, from `exosight train`; without it the sensor is the true force
+        out: folder for summary (JSON), every episode (CSV) and figure (SVG); it must not exist
+        json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
+    """
+    check_json_target(json)
+    # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
+    from exosight.app.stress import about, results, run_stress, stress_table, write_stress
+
+    settings = (config, episodes, seed, model, gains)
+    with new_folder(out) if out is not None else nullcontext() as folder:
+        outcomes = run_stress(*settings)
+        found = results(outcomes, about(*settings))
+        if folder is not None:
+            write_stress(outcomes, found, folder)
+    if out is not None:
+        say(f"wrote {out}")
+    if json is None:
+        show(stress_table(found))
+    else:
+        write_json(found, json)

@@ -1,0 +1,14 @@
+"""The controllers under stress: many random episodes, all of them stepped side by side.
+
+config     what may go wrong, and how often
+episodes   what happens in an episode: target, wearer, exosuit, camera, lost and spoiled frames
+frames     what a controller gets to see of it: late, lost, repeated, noisy or hidden pictures
+suite      all episodes of one controller in closed loop
+measures   settling, overshoot, errors, limits, release, from what was recorded
+
+All but the first need JAX.
+"""
+
+from exosight.control.stress.config import KINDS, Kind, StressConfig
+
+__all__ = ["KINDS", "Kind", "StressConfig"]

@@ -1,0 +1,153 @@
+"""One random episode: a target to follow and then to drop, and all that goes wrong meanwhile."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from exosight.control.loop import RATE
+from exosight.control.stress.config import KINDS, SNAP_TARGETS, WRONG_PLANT, Kind, StressConfig
+from exosight.control.trials import CONTROL_SHAPE
+from exosight.errors import InputError
+from exosight.exosuit.assembly import Exosuit, varied
+from exosight.exosuit.variation import draw_variant
+from exosight.vision.camera import Camera
+
+
+@dataclass(frozen=True)
+class Burst:
+    """A spell in which pictures are spoilt.
+
+    first, last  steps, the last one included
+    hidden       share of the picture that an object covers; 0: noise instead
+    noise        variance of the noise, of full scale
+    seed         of its kind and place
+    """
+
+    first: int
+    last: int
+    hidden: float
+    noise: float
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """All that an episode holds in store, a row a step of 0.1 s.
+
+    kind       of target
+    exosuit    the one that is worn
+    camera     the one that looks at it
+    target     (steps,)           F_t [N], 0 from `drop` on
+    drop       step at which the target drops to 0 N
+    latency    age of the frames [steps]
+    lost       (steps,)           no frame comes
+    again      (steps,)           the last frame comes again
+    bursts     of noise or occlusion
+    stiffness  (steps, hinges)    of the finger's joints [N m/rad]
+    rest       (steps, hinges)    angles at which their springs are slack [rad]
+    """
+
+    kind: Kind
+    exosuit: Exosuit
+    camera: Camera
+    target: Float[np.ndarray, " steps"]
+    drop: int
+    latency: int
+    lost: Bool[np.ndarray, " steps"]
+    again: Bool[np.ndarray, " steps"]
+    bursts: tuple[Burst, ...]
+    stiffness: Float[np.ndarray, "steps hinges"]
+    rest: Float[np.ndarray, "steps hinges"]
+
+
+def draw_episode(config: StressConfig, seed: int, number: int, camera: Camera) -> Episode:
+    """The episode of this number; it depends on configuration, seed and number alone.
+
+    camera   the one that the estimator was trained with
+
+    Raises InputError for a negative seed or number.
+    """
+    if seed < 0 or number < 0:
+        raise InputError(f"seed and number: expected whole numbers ≥ 0, got {seed} and {number}")
+    rng = np.random.default_rng([seed, number])
+    held, after = round(config.hold_seconds * RATE), round(config.release_seconds * RATE)
+    steps = held + after
+    kind = KINDS[number % len(KINDS)]
+    exosuit = Exosuit(CONTROL_SHAPE)
+    if config.wrong_plant:
+        exosuit = varied(exosuit, draw_variant(WRONG_PLANT, seed, number))
+    x, z, scale = rng.uniform(-1, 1, 3).tolist()
+    if config.wrong_camera and number % 3 == 0:
+        camera = Camera(
+            centre=(camera.centre[0] + 0.002 * x, camera.centre[1] + 0.002 * z),
+            metres_per_pixel=camera.metres_per_pixel * (1 + 0.03 * scale),
+            width=camera.width,
+            height=camera.height,
+        )
+    dropped, repeated = rng.uniform(*config.dropped), rng.uniform(*config.repeated)
+    lost = rng.random(steps) < dropped
+    fastest, slowest = (round(delay * RATE) for delay in config.latency)
+    latency = int(rng.integers(fastest, slowest + 1))
+    stiffness, rest = _user(rng, steps, np.array(exosuit.finger.joint_stiffness))
+    if not config.moving_user or number % 2:
+        stiffness, rest = np.tile(exosuit.finger.joint_stiffness, (steps, 1)), np.zeros_like(rest)
+    return Episode(
+        kind=kind,
+        exosuit=exosuit,
+        camera=camera,
+        target=np.append(_target(rng, kind, held, config.targets), np.zeros(after)),
+        drop=held,
+        latency=latency,
+        lost=lost,
+        again=(rng.random(steps) < repeated) & ~lost,
+        bursts=tuple(_burst(rng, steps) for _ in range(config.bursts)),
+        stiffness=stiffness,
+        rest=rest,
+    )
+
+
+def _target(
+    rng: np.random.Generator, kind: Kind, steps: int, limits: tuple[float, float]
+) -> Float[np.ndarray, " steps"]:
+    """F_t [N] of each step until the drop."""
+    one, other = rng.uniform(*limits, 2)
+    time = np.arange(steps) / RATE
+    match kind:
+        case "constant":
+            return np.full(steps, one)
+        case "snap":
+            return np.full(steps, rng.uniform(*SNAP_TARGETS))
+        case "steps":
+            return np.where(np.arange(steps) < steps // 2, one, other)
+        case "ramp":
+            return one + (other - one) * np.clip(time / rng.uniform(1.0, 3.0), 0, 1)
+        case "sine":
+            middle, swing = 0.5 * (one + other), 0.5 * abs(one - other)
+            return middle + swing * np.sin(2 * np.pi * (time / rng.uniform(2.0, 5.0) + rng.random()))
+
+
+def _burst(rng: np.random.Generator, steps: int) -> Burst:
+    first = int(rng.integers(steps))
+    hidden, noise = rng.uniform(0.05, 0.5), 10 ** rng.uniform(-3, -1)
+    covers = rng.random() < 0.5
+    return Burst(
+        first,
+        first + int(rng.integers(10)),
+        hidden if covers else 0.0,
+        0.0 if covers else noise,
+        int(rng.integers(2**31)),
+    )
+
+
+def _user(
+    rng: np.random.Generator, steps: int, stiffness: Float[np.ndarray, " hinges"]
+) -> tuple[Float[np.ndarray, "steps hinges"], Float[np.ndarray, "steps hinges"]]:
+    """Joints that stiffen and flex from one second to the next, evenly in between, and rest at first."""
+    knots = np.arange(0, steps + RATE, RATE)
+    factor = np.exp(rng.uniform(np.log(0.7), np.log(1.4), len(knots)))
+    flexed = np.deg2rad(rng.uniform(0.0, 10.0, len(knots)))
+    factor[0], flexed[0] = 1.0, 0.0
+    at = np.arange(steps)
+    share = np.array([1.0, 0.7, 0.4])[: len(stiffness)]  # the hinge at the knuckle moves most
+    return np.interp(at, knots, factor)[:, None] * stiffness, np.interp(at, knots, flexed)[:, None] * share

@@ -1,0 +1,111 @@
+"""What controllers get to see of many plants: pictures that come late, not at all, twice, or spoilt."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from jaxtyping import UInt8
+
+from exosight.control.batch import BatchPlant
+from exosight.control.estimator import Reader, Reading
+from exosight.control.guard import Sight
+from exosight.control.loop import RATE
+from exosight.control.stress.episodes import Burst, Episode
+from exosight.vision.corruptions import add_noise
+from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS, OCCLUSIONS, occluder, put_before
+
+Images = UInt8[np.ndarray, "episodes height width"]
+Sensor = Callable[[BatchPlant, Sequence[Episode], int], tuple[Images, Reading]]
+"""Pictures of all plants at this step, a row an episode, and what is read off them."""
+
+
+def camera_sensor(estimator: Reader) -> Sensor:
+    """Each episode's own camera, its noise and occlusion, and a network that looks at all pictures."""
+
+    def sense(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
+        images = np.concatenate(
+            [plant.pictures(episode.camera, np.array([i])) for i, episode in enumerate(episodes)]
+        )
+        for image, episode in zip(images, episodes, strict=True):
+            for burst in _now(episode, step):
+                image[:] = _spoilt(image, burst, step)
+        return images, estimator.read(images)
+
+    return sense
+
+
+def true_sensor(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
+    """The forces of the simulation, no network: noise scatters each contact's by up to 30 mN, and whatever
+    hides a picture is always noticed.
+
+    The pictures are a few bytes that differ where forces do, for the guard to compare.
+    """
+    forces = plant.state.forces[:, 1:].astype(np.float32)
+    unlike = np.zeros(len(forces), np.float32)
+    for i, episode in enumerate(episodes):
+        for burst in _now(episode, step):
+            scatter = 0.1 * np.sqrt(burst.noise)  # [N]
+            forces[i] += np.random.default_rng([burst.seed, step]).normal(0.0, scatter, 7)
+            unlike[i] = 2.0 if burst.hidden else unlike[i]
+    bounds = np.tile(np.array([0, 255], np.uint8), (len(forces), 1))
+    images = np.concatenate([bounds, forces.view(np.uint8)], axis=1)[:, None]
+    return images, Reading(forces, forces, forces, (forces > 0).astype(np.float32), unlike)
+
+
+class Frames:
+    """The frames of all episodes on their way from camera to controller.
+
+    sensor   what looks at the plants
+    """
+
+    def __init__(self, episodes: Sequence[Episode], sensor: Sensor) -> None:
+        self._episodes, self._sensor = episodes, sensor
+        self._past: deque[tuple[Images, Reading, np.ndarray]] = deque(
+            maxlen=1 + max(episode.latency for episode in episodes)
+        )
+        self._last: list[tuple[np.ndarray, Reading] | None] = [None] * len(episodes)
+
+    def sights(self, plant: BatchPlant, step: int) -> list[Sight]:
+        """Look at the plants, and hand out what reaches the controllers in this step, one an episode.
+
+        Before the first step every plant has stood at rest, and was looked at, for long.
+        """
+        self._past.append((*self._sensor(plant, self._episodes, step), plant.state.u))
+        seen = []
+        for i, episode in enumerate(self._episodes):
+            images, reading, u = self._past[max(-1 - episode.latency, -len(self._past))]
+            image, read = images[i], _row(reading, i)
+            if episode.again[step] and (before := self._last[i]) is not None:
+                image, read = before  # the camera does not notice: its age and u are those of a new one
+            self._last[i] = image, read
+            seen.append(
+                Sight() if episode.lost[step] else Sight(image, read, episode.latency / RATE, float(u[i]))
+            )
+        return seen
+
+
+def _row(reading: Reading, i: int) -> Reading:
+    own = slice(i, i + 1)
+    return Reading(
+        reading.forces[own], reading.low[own], reading.high[own], reading.contact[own], reading.unlike[own]
+    )
+
+
+def _now(episode: Episode, step: int) -> list[Burst]:
+    return [burst for burst in episode.bursts if burst.first <= step <= burst.last]
+
+
+def _spoilt(image: np.ndarray, burst: Burst, step: int) -> np.ndarray:
+    if not burst.hidden:
+        rng = np.random.default_rng([burst.seed, step])
+        return add_noise(image[None], burst.noise, rng)[0]
+    # One object for the whole spell.
+    rng = np.random.default_rng(burst.seed)
+    kinds = (*OCCLUSIONS, *HELD_OUT_OCCLUSIONS)
+    kind, at, angle, shade = (
+        kinds[rng.integers(len(kinds))],
+        rng.random(),
+        rng.uniform(0, np.pi),
+        rng.random(),
+    )
+    return put_before(image, occluder(kind, image, burst.hidden, at, angle, burst.seed), shade)

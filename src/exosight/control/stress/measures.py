@@ -1,0 +1,145 @@
+"""What is measured on an episode, and on all of them."""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from exosight.control.guard import State
+from exosight.control.loop import RATE
+from exosight.control.paths import ControllerConfig
+from exosight.control.responses import judge_response
+from exosight.control.scheduled import RELEASED
+from exosight.control.stress.episodes import Episode
+from exosight.control.stress.suite import Traces
+
+RELEASE_SECONDS = 1.0
+"""Within so long after its target dropped F_net is to be below 5 mN [s]."""
+
+_ROUND_OFF = 1e-9  # [N], of sums of numbers up to 6 N
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One episode, judged on the true force. NaN: does not apply, or never happened."""
+
+    kind: str
+    """of target"""
+    settling_steps: float
+    """until F_net stays within 5 % of a constant target"""
+    overshoot_percent: float
+    """of a constant target [%]"""
+    steady_state_percent: float
+    """|target − mean of the last quarter| of a constant target [%]"""
+    tracking_error: float
+    """root mean square of F_t − F_net from 1 s on, until the target drops [N]"""
+    largest_contact: float
+    """largest force on one of C1…C7 [N]"""
+    largest_net: float
+    """largest F_net [N]"""
+    seconds_outside: float
+    """time in which some contact presses more than it may [s]"""
+    commands_outside: int
+    """actuations beyond the amplitude or the rate that the controller may ask for"""
+    release_seconds: float
+    """from the target's drop until F_net stays below 5 mN [s]"""
+    recovered: bool
+    """F_net is below 5 mN in the end"""
+    given_up: bool
+    """the guard released before the target dropped"""
+
+
+def measure_episode(episode: Episode, traces: Traces, number: int, limits: ControllerConfig) -> Measured:
+    """What happened in one episode.
+
+    limits   of actuation and contacts; for all controllers the same
+    """
+    target, u, net = traces.target[number], traces.u[number], traces.net[number]
+    contacts = traces.forces[number]
+    settling = overshoot = steady = math.nan
+    if episode.kind in ("constant", "snap"):
+        found = judge_response(np.arange(len(target)) / RATE, target, net, u)
+        settling, overshoot = found.settling_steps, found.overshoot_percent
+        steady = 100 * abs(found.steady_state_error) / target[0]
+    held = slice(round(RATE), episode.drop)
+    pressing = np.flatnonzero(net[episode.drop :] >= RELEASED)
+    released = int(pressing[-1]) + 1 if len(pressing) else 0
+    recovered = bool(net[-1] < RELEASED)
+    beyond = (u < limits.u_min - _ROUND_OFF) | (u > limits.u_max + _ROUND_OFF)
+    beyond[1:] |= np.abs(np.diff(u)) > limits.step + _ROUND_OFF
+    return Measured(
+        kind=episode.kind,
+        settling_steps=settling,
+        overshoot_percent=overshoot,
+        steady_state_percent=steady,
+        tracking_error=float(np.sqrt(np.mean((target - net)[held] ** 2))),
+        largest_contact=float(contacts.max()),
+        largest_net=float(net.max()),
+        seconds_outside=float((contacts > limits.contact_limit).any(axis=1).sum() / RATE),
+        commands_outside=int(beyond.sum()),
+        release_seconds=released / RATE if recovered else math.nan,
+        recovered=recovered,
+        given_up=any(t.after is State.RELEASE and t.step < episode.drop for t in traces.logs[number]),
+    )
+
+
+def summary(measured: Sequence[Measured], traces: Traces) -> dict[str, Any]:
+    """All episodes of one controller in plain numbers; None where nothing applies."""
+    constant = [m for m in measured if not math.isnan(m.overshoot_percent)]
+    late = [m for m in measured if not m.release_seconds <= RELEASE_SECONDS]
+    causes = Counter(f"{t.after.value}: {_kind_of(t.cause)}" for log in traces.logs for t in log)
+    return {
+        "episodes": len(measured),
+        "constant_targets": len(constant),
+        "settled": sum(not math.isnan(m.settling_steps) for m in constant),
+        "settling_steps": _quantiles([m.settling_steps for m in constant]),
+        "overshoot_percent": _quantiles([m.overshoot_percent for m in constant]),
+        "steady_state_percent": _quantiles([m.steady_state_percent for m in constant]),
+        "tracking_error": {
+            kind: _quantiles([m.tracking_error for m in measured if m.kind == kind])
+            for kind in sorted({m.kind for m in measured})
+        },
+        "largest_contact": _quantiles([m.largest_contact for m in measured]),
+        "largest_net": _quantiles([m.largest_net for m in measured]),
+        "outside_contact_limit": sum(m.seconds_outside > 0 for m in measured),
+        "seconds_outside": _quantiles([m.seconds_outside for m in measured]),
+        "commands_outside": sum(m.commands_outside for m in measured),
+        "release_seconds": _quantiles([m.release_seconds for m in measured]),
+        "released_late": len(late),
+        "unrecovered": sum(not m.recovered for m in measured),
+        "given_up": sum(m.given_up for m in measured),
+        "without_a_pose": int((~traces.converged).any(axis=1).sum()),
+        "transitions": dict(causes.most_common()),
+        "percentiles": {
+            "settling_steps": _percentiles([m.settling_steps for m in constant]),
+            "overshoot_percent": _percentiles([m.overshoot_percent for m in constant]),
+            "largest_contact": _percentiles([m.largest_contact for m in measured]),
+            "release_seconds": _percentiles([m.release_seconds for m in measured]),
+        },
+    }
+
+
+def _quantiles(values: Sequence[float]) -> dict[str, float] | None:
+    known = [value for value in values if not math.isnan(value)]
+    if not known:
+        return None
+    at = {"median": 0.5, "p90": 0.9, "p99": 0.99, "largest": 1.0}
+    return {name: float(np.quantile(known, share)) for name, share in at.items()}
+
+
+def _percentiles(values: Sequence[float]) -> list[float | None]:
+    """The values that 0, 1 … 100 % of the episodes do not pass; None where so many never got there."""
+    if not values:
+        return [None] * 101
+    known = np.sort(np.where(np.isnan(values), np.inf, values))
+    found = np.quantile(known, np.linspace(0, 1, 101), method="inverted_cdf")
+    return [None if math.isinf(value) else round(float(value), 6) for value in found]
+
+
+def _kind_of(cause: str) -> str:
+    """A cause without its numbers."""
+    return re.sub(r"\d+(\.\d+)?", "…", cause)

@@ -1,0 +1,135 @@
+"""What reaches a controller of many plants: late, lost, repeated and spoilt frames."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from exosight.control import OnnxEstimator
+from exosight.control.batch import BatchPlant
+from exosight.control.estimator import DEFAULT_MODEL, Reading
+from exosight.control.stress import StressConfig
+from exosight.control.stress.episodes import Burst, Episode, draw_episode
+from exosight.control.stress.frames import Frames, camera_sensor, true_sensor
+from exosight.vision import BACKGROUND, Camera
+
+QUIET = StressConfig(dropped=(0.0, 0.0), repeated=(0.0, 0.0), bursts=0, latency=(0.0, 0.0))
+
+
+@dataclass
+class State:
+    u: np.ndarray
+    forces: np.ndarray
+
+
+class Plants(BatchPlant):
+    """Two plants whose C3 shows what they are told to."""
+
+    def __init__(self) -> None:
+        self.at(0.0)
+
+    @property
+    def state(self) -> State:
+        return self._seen
+
+    def at(self, force: float) -> "Plants":
+        forces = np.zeros((2, 8))
+        forces[:, 3] = force
+        self._seen = State(np.full(2, 10 * force), forces)
+        return self
+
+    def pictures(self, camera: Camera, which: np.ndarray) -> np.ndarray:
+        images = np.full((len(which), camera.height, camera.width), BACKGROUND, np.uint8)
+        images[:, 50:70, 30:90] = 100
+        return images
+
+
+def episodes(**changes) -> list[Episode]:
+    drawn = [draw_episode(QUIET, 0, number, Camera()) for number in range(2)]
+    return [replace(episode, **changes) for episode in drawn]
+
+
+def told(frames: Frames, plants: Plants, force: float, step: int):
+    sight = frames.sights(plants.at(force), step)[0]
+    return None if sight.reading is None else float(sight.reading.forces.sum()), sight
+
+
+@pytest.mark.parametrize("latency", [0, 1, 3])
+def test_frames_are_as_old_as_they_say_and_come_with_the_u_of_their_time(latency):
+    plants, frames = Plants(), Frames(episodes(latency=latency), true_sensor)
+    forces = [0.0, 0.1, 0.2, 0.3, 0.4]
+    for step, force in enumerate(forces):
+        seen, sight = told(frames, plants, force, step)
+        then = forces[max(step - latency, 0)]  # before the first step the plant stood at rest
+        assert seen == pytest.approx(then)
+        assert sight.age == pytest.approx(0.1 * latency)
+        assert sight.u == pytest.approx(10 * then)
+
+
+def test_a_lost_frame_tells_nothing_and_a_repeated_one_the_last_thing_again():
+    steps = len(episodes()[0].target)
+    lost, again = np.zeros(steps, bool), np.zeros(steps, bool)
+    lost[1], again[3] = True, True
+    plants, frames = Plants(), Frames(episodes(lost=lost, again=again), true_sensor)
+    assert told(frames, plants, 0.1, 0)[0] == pytest.approx(0.1)
+    nothing, sight = told(frames, plants, 0.2, 1)
+    assert nothing is None
+    assert sight.image is None
+    third, before = told(frames, plants, 0.3, 2)
+    assert third == pytest.approx(0.3)
+    repeated, sight = told(frames, plants, 0.4, 3)
+    assert repeated == pytest.approx(0.3)
+    np.testing.assert_array_equal(sight.image, before.image)
+    assert sight.u == pytest.approx(4.0)  # the plant itself is not fooled
+
+
+def test_bytes_stand_for_pictures_where_there_is_no_camera():
+    plants = Plants()
+    (first, _), _ = true_sensor(plants.at(0.1), episodes(), 0)
+    (same, _), _ = true_sensor(plants.at(0.1), episodes(), 1)
+    (other, _), _ = true_sensor(plants.at(0.1 + 1e-6), episodes(), 2)
+    np.testing.assert_array_equal(first, same)
+    assert (first != other).any()
+    assert np.ptp(first) == 255  # not black
+
+
+def test_noise_scatters_true_forces_and_what_hides_the_picture_is_noticed():
+    noisy, hidden = Burst(0, 4, 0.0, 0.1, 3), Burst(3, 9, 0.3, 0.0, 4)
+    own, plants = episodes(bursts=(noisy, hidden)), Plants()
+    for step, (scatters, unlike) in {0: (True, False), 4: (True, True), 9: (False, True)}.items():
+        _, reading = true_sensor(plants.at(0.2), own, step)
+        assert (abs(float(reading.forces[0].sum()) - 0.2) > 1e-6) == scatters
+        assert (reading.unlike[0] > 1) == unlike
+    again = [true_sensor(plants.at(0.2), own, 1)[1].forces for _ in range(2)]
+    np.testing.assert_array_equal(*again)  # the same each time
+
+
+def test_a_cameras_picture_is_noisy_or_hidden_as_long_as_the_spell_lasts():
+    class Looks:
+        def read(self, images: np.ndarray, level: float = 0.9) -> Reading:
+            self.images = images.copy()
+            zeros = np.zeros((len(images), 7), np.float32)
+            return Reading(zeros, zeros, zeros, zeros, np.zeros(len(images), np.float32))
+
+    looks, plants = Looks(), Plants()
+    own = episodes(bursts=(Burst(2, 3, 0.2, 0.0, 5), Burst(6, 6, 0.0, 0.01, 6)), camera=Camera())
+    sense = camera_sensor(looks)
+    clean = plants.pictures(Camera(), np.array([0, 1]))
+    changed = {}
+    for step in (1, 2, 3, 4, 6):
+        (shown, _), _ = sense(plants, own, step)
+        np.testing.assert_array_equal(shown, looks.images[0])  # the guard sees what the network sees
+        changed[step] = (looks.images != clean).mean()
+    assert changed[1] == changed[4] == 0
+    assert 0.1 < changed[2] == changed[3] < 0.3  # of the picture a fifth is covered, softly
+    assert changed[6] > 0.8
+
+
+def test_the_networks_own_numbers_reach_the_controller():
+    estimator, plants = OnnxEstimator.load(DEFAULT_MODEL), Plants()
+    sights = Frames(episodes(camera=Camera()), camera_sensor(estimator)).sights(plants, 0)
+    expected = estimator.read(plants.pictures(Camera(), np.array([0])))
+    for sight in sights:
+        assert sight.reading is not None
+        np.testing.assert_allclose(sight.reading.forces, expected.forces, atol=1e-5)  # float32
+        np.testing.assert_allclose(sight.reading.high, expected.high, atol=1e-5)

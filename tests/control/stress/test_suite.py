@@ -1,0 +1,84 @@
+"""Episodes in closed loop on the simulated plant, ten at a time."""
+
+import numpy as np
+import pytest
+
+from exosight.control import CONTROL_SHAPE, ControllerConfig, Guarded, Proportional, Scheduled
+from exosight.control.scheduled import RELEASED
+from exosight.control.simulated import SimulatedPlant
+from exosight.control.stress import StressConfig
+from exosight.control.stress.episodes import Episode, draw_episode
+from exosight.control.stress.frames import true_sensor
+from exosight.control.stress.measures import measure_episode, summary
+from exosight.control.stress.suite import Bare, Traces, run_episodes
+from exosight.control.tuning import tune
+from exosight.errors import InputError
+from exosight.exosuit.assembly import Exosuit
+from exosight.vision import Camera, resized
+
+SHORT = StressConfig(hold_seconds=1.5, release_seconds=1.5)
+COUNT = 10  # as many plants as in the other tests, so that all share their compiled code
+
+
+@pytest.fixture(scope="module")
+def config() -> ControllerConfig:
+    return tune(Exosuit(CONTROL_SHAPE))
+
+
+@pytest.fixture(scope="module")
+def episodes() -> list[Episode]:
+    return [draw_episode(SHORT, 0, number, Camera()) for number in range(COUNT)]
+
+
+@pytest.fixture(scope="module")
+def guarded(config, episodes) -> Traces:
+    return run_episodes(episodes, [Guarded(Scheduled(config)) for _ in episodes], true_sensor)
+
+
+def test_whatever_goes_wrong_commands_stay_within_limits_and_the_finger_is_let_go(config, episodes, guarded):
+    measured = [measure_episode(e, guarded, i, config) for i, e in enumerate(episodes)]
+    found = summary(measured, guarded)
+    assert found["commands_outside"] == found["unrecovered"] == found["released_late"] == 0
+    assert found["without_a_pose"] == 0
+    assert guarded.net[:, -1].max() < RELEASED
+    assert guarded.net.max() > 0.1  # it did press
+
+
+def test_without_trouble_it_does_what_one_plant_alone_does(config):
+    calm = StressConfig(
+        hold_seconds=1.5,
+        release_seconds=1.5,
+        latency=(0.0, 0.0),
+        dropped=(0.0, 0.0),
+        repeated=(0.0, 0.0),
+        bursts=0,
+        wrong_plant=False,
+        wrong_camera=False,
+        moving_user=False,
+    )
+    own = [draw_episode(calm, 0, number, Camera()) for number in range(COUNT)]
+    traces = run_episodes(own, [Bare(Proportional(5.0)) for _ in own], true_sensor)
+    law, plant = Proportional(5.0), SimulatedPlant(Exosuit(CONTROL_SHAPE), resized(Camera(), 48, 32))
+    seen = plant.reset()
+    for step in range(1, len(own[1].target)):
+        seen = plant.apply(law.next(float(own[1].target[step]), seen.net_force))
+        # Forces are told in single precision, and a gain of 5 feeds their round-off back.
+        assert traces.net[1, step] == pytest.approx(seen.net_force, abs=1e-5)
+        assert traces.u[1, step] == pytest.approx(seen.u, abs=1e-4)
+
+
+def test_every_step_is_told_as_it_passes_and_the_logs_are_kept(config, episodes):
+    steps = []
+    short = [draw_episode(SHORT, 5, number, Camera()) for number in range(COUNT)]
+    controllers = [Guarded(Scheduled(config)) for _ in short]
+    traces = run_episodes(short, controllers, true_sensor, lambda step, of: steps.append((step, of)))
+    assert steps == [(step, 29) for step in range(1, 30)]
+    assert [list(log) for log in traces.logs] == [controller.log for controller in controllers]
+    assert np.isnan(traces.estimated[:, 1:]).sum() == sum(int(e.lost[:-1].sum()) for e in short)
+
+
+def test_bad_batches_are_refused(config, episodes):
+    with pytest.raises(InputError, match="episodes: expected one or more"):
+        run_episodes([], [], true_sensor)
+    with pytest.raises(InputError, match="each with a controller"):
+        run_episodes(episodes, [Guarded(Scheduled(config))], true_sensor)
