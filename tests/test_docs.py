@@ -49,9 +49,9 @@ def number(text: str, pattern: str) -> float:
 
 
 def test_every_page_is_there_and_nothing_comes_from_elsewhere(built: Path) -> None:
-    site = built / "site"
-    for page in DOCS.rglob("*.md"):
-        assert (site / page.relative_to(DOCS)).with_suffix(".html").is_file()
+    site, docs = built / "site", built / "docs"
+    for page in docs.rglob("*.md"):
+        assert (site / page.relative_to(docs)).with_suffix(".html").is_file()
     for page in site.rglob("*.html"):
         text = page.read_text(encoding="utf-8")
         loaded = re.findall(r"<(?:script|img|link|iframe)[^>]*(?:src|href)=\"(https?:[^\"]*)\"", text)
