@@ -1,7 +1,8 @@
 """How soon the lab answers, and what it keeps: `python -m benchmarks.lab [SECONDS]`, on an idle machine.
 
-latency  from a slider's event to pictures and forces on the screen, in headless Chromium; a shape slider has
-         an exosuit solved that nobody has seen, the actuation goes on from where it is
+latency  from a slider's event to pictures and forces on the screen, in headless Chromium; the length slider
+         has an exosuit solved that nobody has seen, the actuation goes on from where it is. With the time
+         that the server's process computes for it, which other work on the machine changes less
 pages    twenty clients that ask as fast as they can, each for exosuits of its own
 memory   of the server, and of the page, while sliders are dragged for SECONDS (60 by default)
 """
@@ -27,6 +28,7 @@ URL = f"http://127.0.0.1:{PORT}"
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
 REPEATS = 60
 PAGES, EACH = 20, 10
+LENGTH = "#settings fieldset:first-of-type .slider:nth-of-type(4) input[type=range]"
 
 # Resolves after the frame in which the view is painted.
 _MOVE = """([slider, value]) => new Promise((done) => {
@@ -58,12 +60,20 @@ def serving() -> Iterator[subprocess.Popen[bytes]]:
         server.wait()
 
 
-def _latency(page: Page, slider: str, values: np.ndarray) -> list[float]:
-    found = []
+def _latency(
+    page: Page, server: subprocess.Popen[bytes], slider: str, values: np.ndarray
+) -> dict[str, float]:
+    found, before = [], _computed(server)
     for value in values:
-        page.wait_for_timeout(30)
         found.append(page.evaluate(_MOVE, [slider, float(value)]))
-    return found
+    computed = (_computed(server) - before) / len(values)
+    return {**_two(found), "server_cpu_ms": round(computed, 1)}
+
+
+def _computed(server: subprocess.Popen[bytes]) -> float:
+    """Processor time of the server so far [ms]."""
+    fields = Path(f"/proc/{server.pid}/stat").read_text().rpartition(")")[2].split()
+    return 1e3 * (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _two(milliseconds: list[float]) -> dict[str, float]:
@@ -114,12 +124,11 @@ def run(seconds: float = 60) -> dict:
         page = browser.new_page()
         page.goto(URL)
         page.wait_for_selector("#path path.down")
-        shape = "#settings fieldset:first-of-type .slider input[type=range]"
-        result["actuation"] = _two(_latency(page, "#u", rng.integers(0, 81, REPEATS) * 0.05))
-        page.evaluate(_MOVE, ["#u", 2.4])
-        result["shape at 2.4 N"] = _two(_latency(page, shape, rng.uniform(4.5, 10, REPEATS)))
-        page.evaluate(_MOVE, ["#u", 4.0])
-        result["shape at 4 N"] = _two(_latency(page, shape, rng.uniform(8, 10, REPEATS)))
+        lengths = rng.permutation(np.arange(70.0, 110.0, 0.1))
+        result["actuation"] = _latency(page, server, "#u", rng.permutation(np.tile(np.arange(80) * 0.05, 2)))
+        for u, some in ((2.4, lengths[:REPEATS]), (4.0, lengths[REPEATS : 2 * REPEATS])):
+            page.evaluate(_MOVE, ["#u", u])
+            result[f"length at {u} N"] = _latency(page, server, LENGTH, some)
         page.evaluate(_MOVE, ["#u", 2.4])
         server_memory, page_memory = [], []
         end, moves = time.monotonic() + seconds, 0
@@ -127,7 +136,7 @@ def run(seconds: float = 60) -> dict:
             if moves % 50 == 0:
                 server_memory.append(round(_resident(server)))
                 page_memory.append(round(_heap(page), 1))
-            page.evaluate(_MOVE, [shape, rng.uniform(4.5, 10)] if moves % 2 else ["#u", rng.uniform(0, 4)])
+            page.evaluate(_MOVE, [LENGTH, rng.uniform(70, 110)] if moves % 2 else ["#u", rng.uniform(0, 4)])
             moves += 1
         result["memory"] = {
             "seconds": seconds, "moves": moves, "server_MiB": server_memory, "page_MiB": page_memory

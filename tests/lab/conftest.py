@@ -32,24 +32,24 @@ def served(hosts: frozenset[str] | None, token: str | None) -> Iterator[Address]
         time.sleep(0.02)
     yield Address("127.0.0.1", listener.getsockname()[1])
     server.should_exit = True
-    thread.join(10)
+    thread.join(60)  # what it was asked for last may still be worked out
     listener.close()
     assert not thread.is_alive()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def address() -> Iterator[Address]:
     """The lab on loopback, without a token."""
     yield from served(LOOPBACK, None)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def guarded_address() -> Iterator[Address]:
     """The lab as it is bound elsewhere: with the token "secret"."""
     yield from served(None, "secret")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def client(address: Address) -> Iterator[httpx.Client]:
     with httpx.Client(base_url=str(address), timeout=120) as each:
         yield each

@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from exosight.exosuit.assembly import Exosuit, assemble
 from exosight.lab.settings import LARGEST, STEP
-from exosight.mechanics import Robot, follow, stack
+from exosight.mechanics import Robot, SolverOptions, follow, stack
 
 TOP = round(LARGEST / STEP)
 """Largest actuation, in steps."""
@@ -24,7 +24,8 @@ TOP = round(LARGEST / STEP)
 _PIECE = 10  # loads a solver call: 3 ms a call, 1 ms a load that nobody asked for
 _LEGS = 64  # legs that one exosuit remembers
 _EXOSUITS = 32  # exosuits that are remembered
-_SAME = 1e-6  # rad, or strain: poses nearer to each other than this are one; solutions agree to 1e-10
+_SAME = 1e-5  # rad, or strain: poses nearer to each other than this are one; solutions agree to 1e-6
+_ENOUGH = SolverOptions(tolerance=1e-7)  # forces to 1e-7 N, a quarter sooner than with the default 1e-10
 
 Steps = tuple[int, ...]
 
@@ -80,7 +81,8 @@ class Worn:
         while len(leg.q) <= place:
             piece = leg.loads[len(leg.q) : len(leg.q) + _PIECE]
             before = leg.q[-1] if leg.q else leg.start
-            found = follow([self.robot], STEP * np.array(piece, float)[:, None], q=before[None], snaps=False)
+            loads = STEP * np.array(piece, float)[:, None]
+            found = follow([self.robot], loads, q=before[None], options=_ENOUGH, snaps=False)
             leg.q += list(np.asarray(found.q[0]))
             leg.converged += found.converged[0].tolist()
         return leg.q[place], leg.converged[place]

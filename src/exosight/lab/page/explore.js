@@ -21,6 +21,7 @@ export function explore(about, problem) {
   const here = () => view.drive.at(-1);
 
   async function update() {
+    clearTimeout(quiet);
     if (busy) { again = true; return; }
     busy = true;
     do {
