@@ -7,8 +7,13 @@ import subprocess
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
+import numpy as np
+import onnxruntime
 import pytest
+
+from exosight.control.estimator import DEFAULT_MODEL
 
 pytest.importorskip("sphinx", reason="the site needs the extra docs: pip install 'exosight[docs]'")
 
@@ -114,6 +119,22 @@ def test_the_guard_lets_go(built: Path) -> None:
 def test_tables_are_those_of_the_files() -> None:
     for path, text in module(DOCS / "tables.py").pages().items():
         assert path.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("opset", [17, 16])
+def test_older_operator_sets_answer_the_same(opset: int, tmp_path: Path) -> None:
+    """The code of docs/matlab.md, on the shipped network: other operator sets do the same arithmetic."""
+    names: dict[str, Any] = {}
+    for code in re.findall(r"```python\n(.*?)```", (DOCS / "matlab.md").read_text(), flags=re.DOTALL):
+        exec(compile(code, "matlab.md", "exec"), names)
+    names["older"](str(DEFAULT_MODEL), str(tmp_path / "older.onnx"), opset)
+    image = np.random.default_rng(0).random((2, 1, 128, 128), dtype=np.float32)
+    found, older = (
+        onnxruntime.InferenceSession(path).run(None, {"image": image})
+        for path in (str(DEFAULT_MODEL), str(tmp_path / "older.onnx"))
+    )
+    for mine, theirs in zip(found, older, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=1e-6)  # float32; another fusion may round otherwise
 
 
 @pytest.mark.parametrize(
