@@ -55,7 +55,7 @@ dist: .venv/ready-test
 	@PYTHON="$(PYTHON)" sh tools/setup.sh train
 
 .venv/ready-test: pyproject.toml constraints.txt
-	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,compare,docs,lab,test
+	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,compare,docs,gym,lab,test
 	@touch .venv/ready-train
 
 clean:

@@ -17,6 +17,8 @@ GIVES = {
     "compare": "the programs that validation compares with",
     "test": "the tests",
     "docs": "the documentation site",
+    "gym": "the Gymnasium environment",
+    "agents": "agents that learn in it, for its benchmark",
     "lab": "the local web page",
 }
 """What an extra of the package is for."""

@@ -16,9 +16,12 @@ from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import radius
 from exosight.exosuit.simulation import PATH_STEP
 from exosight.mechanics import JointTorque, Robot, march, stack
+from exosight.mechanics.equilibrium import SolverOptions
 from exosight.vision.camera import Camera
 from exosight.vision.renderer import render
 from exosight.vision.scene import tubes
+
+_EXACT = SolverOptions()
 
 REST_STEP = 0.05
 """By at most so much a rest angle moves between two poses that are solved [rad]."""
@@ -70,13 +73,18 @@ class BatchPlant:
     limit     largest |u| that is taken [N]
     path_step largest step of u between two equilibria that are solved [N]; larger ones are faster, and may
               snap elsewhere
+    options   of the solver
 
     Raises InputError for no exosuits, fingers of several structures or a limit that is not finite and above
     0; ConvergenceError if an unloaded exosuit has no stable pose.
     """
 
     def __init__(
-        self, exosuits: Sequence[Exosuit], limit: float = ACTUATION_LIMIT, path_step: float = PATH_STEP
+        self,
+        exosuits: Sequence[Exosuit],
+        limit: float = ACTUATION_LIMIT,
+        path_step: float = PATH_STEP,
+        options: SolverOptions = _EXACT,
     ) -> None:
         if not exosuits:
             raise InputError("plants: expected at least one exosuit, got none")
@@ -86,14 +94,15 @@ class BatchPlant:
         counts = {(len(e.finger.lengths), len(e.finger.joint_stiffness)) for e in exosuits}
         if len(counts) > 1:
             raise InputError("plants: expected fingers of one number of links and hinges, got several")
-        self.exosuits, self.limit, self.path_step = tuple(exosuits), limit, path_step
+        self.exosuits, self.limit, self.path_step, self._options = tuple(exosuits), limit, path_step, options
         ((_, self._hinges),) = counts
-        self._own = stack([_movable(exosuit) for exosuit in exosuits])
+        robots = {exosuit: _movable(exosuit) for exosuit in dict.fromkeys(exosuits)}
+        self._own = stack([robots[exosuit] for exosuit in exosuits])
         self._surface = np.stack([radius(e.shape.surface, QUADRATURE.points) for e in exosuits])
         self._finger = np.stack([e.finger.radii for e in exosuits]).astype(float)
         nothing = np.zeros((len(exosuits), 1 + self._hinges))
         unstrained = np.zeros((len(exosuits), self._own.dofs))
-        rest = march(self._own, unstrained, nothing, nothing, np.ones(len(exosuits), int))
+        rest = march(self._own, unstrained, nothing, nothing, np.ones(len(exosuits), int), options)
         if not rest.converged.all():
             raise ConvergenceError(
                 f"{int((~rest.converged).sum())} of {len(exosuits)} unloaded exosuits have no stable pose; "
@@ -153,7 +162,7 @@ class BatchPlant:
         # The margin keeps round-off in u from adding a step.
         walked = np.ceil(np.abs(u - self._loads[:, 0]) / self.path_step - 1e-9)
         steps = np.maximum(1, np.maximum(walked, np.ceil(turn / REST_STEP - 1e-9))).astype(int)
-        reached = march(self._robots, self._q, self._loads, end, steps)
+        reached = march(self._robots, self._q, self._loads, end, steps, self._options)
         self._q, self._loads = reached.q, reached.loads
         return self._look(reached.converged)
 

@@ -1,0 +1,68 @@
+"""One step of the loop in real time, stage by stage: `taskset -c 0 python -m benchmarks.control_step`.
+
+The guarded controller follows a wave and lets go, 60 times a second, on a simulated exosuit that the shipped
+network sees; nothing waits, so a step takes what its stages take. Judged are the steps in which u moves:
+where it rests, there is nothing to solve.
+"""
+
+import os
+from collections.abc import Callable
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from exosight.app.bench import cpu_name
+from exosight.app.pipeline import camera_of
+from exosight.control import CONTROL_SHAPE, Guarded, OnnxEstimator, Scheduled
+from exosight.control.estimator import DEFAULT_MODEL
+from exosight.control.realtime import Clock, Step, run_live, timings
+from exosight.control.rig import SimulatedRig
+from exosight.control.simulated import SimulatedPlant
+from exosight.control.tuning import tune
+from exosight.exosuit.assembly import Exosuit
+
+RATE = 60.0
+"""[Hz]"""
+SECONDS = 8
+"""Of which the last is a release."""
+NAMES = {"see": "render", "estimate": "estimate", "decide": "law and guard", "act": "solve"}
+
+
+def run(now: Callable[[], float] = perf_counter) -> dict[str, Any]:
+    """Median and 99th percentile of each stage [ms], and the rate that they allow [Hz].
+
+    now   clock to measure with [s]; `time.process_time` leaves out what other programs take
+    """
+    exosuit, network = Exosuit(CONTROL_SHAPE), OnnxEstimator.load(DEFAULT_MODEL)
+    guarded = Guarded(Scheduled(tune(exosuit, period=1 / RATE)))
+    time = np.arange(round(SECONDS * RATE)) / RATE
+    target = np.where(time < SECONDS - 1, 0.22 + 0.10 * np.sin(2 * np.pi * 0.5 * time), 0.0)
+    at_once = Clock(now, sleep=lambda seconds: None)
+    steps: list[Step] = []
+    for record in (lambda step: None, steps.append):  # the first time, code is compiled
+        rig = SimulatedRig(SimulatedPlant(exosuit, camera_of(network.card)), at_once)
+        run_live(rig, network.read, guarded, rig, target.tolist(), record, at_once)
+    moves = np.diff([step.u for step in steps], prepend=0.0) != 0
+    seconds = np.array([step.seconds for step in steps])[moves]
+    found: dict[str, Any] = {
+        "name": "control step",
+        "cpu": cpu_name(),
+        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "load before": round(os.getloadavg()[0], 2),
+        "steps": len(seconds),
+    }
+    for timing in timings(seconds):
+        name = NAMES.get(timing.stage, timing.stage)
+        found[f"{name}, median [ms]"] = round(1e3 * timing.p50, 2)
+        found[f"{name}, p99 [ms]"] = round(1e3 * timing.p99, 2)
+    whole = seconds.sum(axis=1)
+    found["median rate [Hz]"] = round(1 / float(np.median(whole)))
+    found["rate that 99 % of the steps keep [Hz]"] = round(1 / float(np.quantile(whole, 0.99)))
+    found["steps within 1/60 s [%]"] = round(100 * float(np.mean(whole <= 1 / RATE)), 1)
+    return found
+
+
+if __name__ == "__main__":
+    for key, value in run().items():
+        print(f"{key}: {value}")

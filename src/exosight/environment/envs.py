@@ -1,0 +1,174 @@
+"""The grip as Gymnasium knows environments: one, or many solved together."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from exosight.control.trials import CONTROL_SHAPE
+from exosight.environment.task import Grips, action_space, observation_space, settings
+from exosight.errors import InputError
+from exosight.exosuit.assembly import Exosuit
+
+_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+
+class GripEnv(gymnasium.Env):
+    """One grip, see `exosight.environment.task`.
+
+    exosuit      what is simulated; by default the paper's controller's
+    render_mode  "rgb_array": `render` shows the camera's picture
+    others       fields of `GripConfig`
+
+    `reset` takes the option "target": F_t [N], one number for the episode or one a step.
+
+    Raises InputError for settings out of their range.
+    """
+
+    metadata = _METADATA
+
+    def __init__(self, exosuit: Exosuit | None = None, render_mode: str | None = None, **others: Any) -> None:
+        self.render_mode = _render_mode(render_mode)
+        config = settings(others)
+        self.observation_space, self.action_space = observation_space(config), action_space()
+        self._grips = Grips([exosuit or Exosuit(CONTROL_SHAPE)], config)
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict]:
+        """Begin an episode at rest; the seed decides its targets."""
+        super().reset(seed=seed)
+        self._grips.reset([self.np_random], (options or {}).get("target"))
+        return self._seen()
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict]:
+        """One step; InputError for an action that is no finite number."""
+        reward, over = self._grips.step(np.reshape(action, (1, -1)), np.zeros(1, bool))
+        seen, told = self._seen()
+        return seen, float(reward[0]), False, bool(over[0]), told
+
+    def render(self) -> np.ndarray | None:
+        """The camera's picture, (height, width, 3)."""
+        return _colour(self._grips.pictures())[0] if self.render_mode else None
+
+    def _seen(self) -> tuple[Any, dict]:
+        return _row(self._grips.observe(), 0), {k: v[0].item() for k, v in self._grips.tell().items()}
+
+
+class GripVectorEnv(VectorEnv):
+    """Many grips, solved together: the same as so many `GripEnv`, step by step, but faster.
+
+    num_envs        how many
+    exosuits        what they wear, in turn; by default the paper's controller's
+    autoreset_mode  Gymnasium's "NextStep" (an episode that is over begins anew in the next step, whatever the
+                    action), "SameStep" (at once; the last observation is in `final_obs`) or "Disabled"
+                    (`reset` with the option "reset_mask")
+    others          fields of `GripConfig`
+
+    `reset` takes one seed, from which the grips' follow in steps of 1, or one each; and the option "target"
+    as `GripEnv` does.
+
+    Raises InputError for settings out of their range.
+    """
+
+    metadata = {**_METADATA, "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012, as Gymnasium has it
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        exosuits: Sequence[Exosuit] = (),
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        **others: Any,
+    ) -> None:
+        if num_envs < 1:
+            raise InputError(f"num_envs: expected at least 1, got {num_envs}")
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        self.render_mode = _render_mode(render_mode)
+        self.num_envs, config = num_envs, settings(others)
+        self.single_observation_space, self.single_action_space = observation_space(config), action_space()
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        worn = tuple(exosuits) or (Exosuit(CONTROL_SHAPE),)
+        self._grips = Grips([worn[i % len(worn)] for i in range(num_envs)], config)
+        self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
+        self._over = np.zeros(num_envs, bool)
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict]:
+        """Begin episodes at rest: all, or those of the option "reset_mask"."""
+        options = options or {}
+        which = np.asarray(options.get("reset_mask", np.ones(self.num_envs, bool)))
+        if which.shape != (self.num_envs,) or which.dtype != bool or not which.any():
+            raise InputError(f"reset_mask: expected {self.num_envs} booleans, at least one of them true")
+        seeds = (
+            seed
+            if isinstance(seed, Sequence)
+            else [None if seed is None else seed + i for i in range(self.num_envs)]
+        )
+        if len(seeds) != self.num_envs:
+            raise InputError(f"seed: expected one, or {self.num_envs}, got {len(seeds)}")
+        for i, own in enumerate(seeds):
+            if own is not None and which[i]:
+                self._generators[i] = seeding.np_random(own)[0]
+        self._begin(which, options.get("target"))
+        return self._grips.observe(), self._told()
+
+    def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict]:
+        """One step of every grip; InputError for actions that are no finite numbers."""
+        begun = self._over if self._mode is AutoresetMode.NEXT_STEP else np.zeros(self.num_envs, bool)
+        if self._mode is AutoresetMode.DISABLED and self._over.any():
+            raise InputError("step: an episode is over; reset it with the option reset_mask first")
+        if begun.any():
+            self._begin(begun)
+        rewards, self._over = self._grips.step(actions, begun)
+        truncated, told = self._over.copy(), self._told()
+        seen = self._grips.observe()
+        if self._mode is AutoresetMode.SAME_STEP and self._over.any():
+            last = self._over
+            final = np.full(self.num_envs, None, dtype=object)
+            for i in np.flatnonzero(last):
+                final[i] = _row(seen, int(i))
+            told = {
+                "final_obs": final,
+                "_final_obs": last.copy(),
+                "final_info": told,
+                "_final_info": last.copy(),
+            }
+            self._begin(last)
+            seen = self._grips.observe()
+            told |= self._told()
+        return seen, rewards, np.zeros(self.num_envs, bool), truncated, told
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """The camera's pictures, each (height, width, 3)."""
+        return tuple(_colour(self._grips.pictures())) if self.render_mode else None
+
+    def _begin(self, which: np.ndarray, target: Any = None) -> None:
+        self._grips.reset(
+            [g if own else None for g, own in zip(self._generators, which, strict=True)], target
+        )
+        self._over = self._over & ~which
+
+    def _told(self) -> dict[str, np.ndarray]:
+        told = self._grips.tell()
+        return told | {f"_{name}": np.ones(self.num_envs, bool) for name in told}
+
+
+def _render_mode(mode: str | None) -> str | None:
+    if mode not in (None, *_METADATA["render_modes"]):
+        raise InputError(f"render_mode: expected rgb_array or none, got {mode!r}")
+    return mode
+
+
+def _row(seen: Any, i: int) -> Any:
+    """One grip's observation."""
+    return {name: part[i] for name, part in seen.items()} if isinstance(seen, dict) else seen[i]
+
+
+def _colour(images: np.ndarray) -> np.ndarray:
+    return np.repeat(images[..., None], 3, axis=-1)
