@@ -18,3 +18,5 @@ from pathlib import Path
 _CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "exosight" / "jax"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(_CACHE))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+# On a slow machine the compiler would otherwise ask users to report that it is slow.
+os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")

@@ -19,6 +19,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.status import Status
 from rich.table import Column
 from rich.table import Table as RichTable
 from rich.text import Text
@@ -73,6 +74,11 @@ def progress(description: str, unit: str) -> Iterator[Callable[[int, int], None]
     finally:
         if started:
             bars.stop()
+
+
+def waiting(words: str) -> Status:
+    """What a terminal shows while something runs whose end cannot be foretold."""
+    return notes.status(words)
 
 
 def show(table: Table) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import tyro
 
 from exosight.app.commands.options import Json
-from exosight.app.console import check_json_target, say, show, write_json
+from exosight.app.console import check_json_target, say, show, waiting, write_json
 from exosight.errors import InputError
 from exosight.evaluation.tables import Column, Table
 from exosight.exosuit.shapes import FAMILIES, TABLE_I, ExosuitShape, ranges, shape_from_dict, shape_to_dict
@@ -81,7 +81,8 @@ def simulate(
     from exosight.exosuit.simulation import simulate as solve
 
     exosuit = Exosuit(shape, young=young, contact_stiffness=contact_stiffness, gap=gap)
-    records = solve(exosuit, u).records()
+    with waiting("solving; the first time on a machine compiles, which takes ten seconds or more"):
+        records = solve(exosuit, u).records()
     lost = sum(not record["converged"] for record in records)
     if lost:
         say(f"{lost} of {len(records)} loads found no stable equilibrium; their numbers are the best found")
