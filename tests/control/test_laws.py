@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exosight.control import Proportional
+from exosight.control import ControllerConfig, ForcePath, OpenLoop, Proportional
 from exosight.errors import InputError
 
 unhurried = settings(deadline=None)  # a busy machine is no failure
@@ -71,3 +71,20 @@ def test_a_target_that_is_no_number_is_refused(target):
     law = Proportional(gain=1.0)
     with pytest.raises(InputError, match="target force"):
         law.next(target, 0.1)
+
+
+def test_the_open_loop_answers_with_the_load_of_the_path_whatever_is_measured():
+    """F = 0.1 (u − 0.5 N) from 0.5 N on, so U(F) = 0.5 N + 10 F."""
+
+    def path(u):
+        forces = np.zeros((len(u), 7))
+        forces[:, 3] = 0.1 * np.maximum(u - 0.5, 0.0)
+        return ForcePath(u, forces, np.zeros(len(u), bool))
+
+    up, down = path(np.linspace(0, 4, 41)), path(np.linspace(4, -1, 51))
+    law = OpenLoop(ControllerConfig(up, down, np.full(7, 0.5), 10.0, 0.1, 5.0, 20.0))
+    for target, u in ((0.2, 2.5), (0.35, 4.0), (9.0, 4.0), (0.0, 0.0), (-1.0, 0.0)):
+        for measured in (0.0, 7.0, math.nan):
+            assert law.next(target, measured) == pytest.approx(u)
+    with pytest.raises(InputError, match="target force"):
+        law.next(math.nan, 0.0)

@@ -141,4 +141,4 @@ def limited(config: ControllerConfig, u: float, wanted: float) -> float:
     if math.isnan(wanted):
         return u
     wanted = max(u - config.step, min(u + config.step, wanted))
-    return max(config.u_min, min(config.u_max, wanted))
+    return float(max(config.u_min, min(config.u_max, wanted)))

@@ -1,0 +1,52 @@
+"""exosight stress, on as few and as short episodes as it takes."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from exosight.app.main import main
+from exosight.app.stress import draw, stress_table
+
+SHORT = ["stress", "--episodes", "10", "--hold-seconds", "1", "--release-seconds", "1.1"]
+
+
+def test_the_folder_holds_summary_episodes_and_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out, told = tmp_path / "stress", tmp_path / "told.json"
+    main([*SHORT, "--gains", "1", "--out", str(out), "--json", str(told)])
+    found = json.loads((out / "results.json").read_text())
+    assert found == json.loads(told.read_text())
+    assert found["about"]["episodes"] == 10
+    assert found["about"]["model"] is None
+    assert found["about"]["config"]["hold_seconds"] == 1
+    assert set(found["controllers"]) == {"guarded", "K_P = 1"}
+    assert found["controllers"]["guarded"]["commands_outside"] == 0
+    rows = list(csv.DictReader((out / "K_P___1.csv").open()))
+    assert [row["episode"] for row in rows] == [str(number) for number in range(10)]
+    largest = max(float(row["largest_contact"]) for row in rows)
+    assert found["controllers"]["K_P = 1"]["largest_contact"]["largest"] == pytest.approx(largest, rel=1e-5)
+    assert (out / "stress.svg").stat().st_size > 10_000
+    # The table and the figure are those of the numbers on file.
+    assert [row[0] for row in stress_table(found).rows] == ["guarded", "K_P = 1"]
+    assert len(draw(found).axes) == 4
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--episodes", "0"], "greater than or equal to 1"),
+        (["--latency", "0.3", "0.1"], "lower limit first"),
+        (["--gains", "-5"], "greater than 0"),
+        (["--model", "missing.onnx"], "missing.onnx"),
+    ],
+)
+def test_wrong_options_end_in_one_sentence(
+    options: list[str], words: str, capsys: pytest.CaptureFixture[str]
+):
+    with pytest.raises(SystemExit) as end:
+        main([*SHORT, *options])
+    assert end.value.code == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert len(told.strip().splitlines()) == 1
