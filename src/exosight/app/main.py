@@ -22,6 +22,8 @@ COMMANDS = {
     "estimate": "contact forces from pictures",
     "evaluate": "a network judged beside the paper's",
     "control": "the closed loop, with a network or the true force as sensor",
+    "live": "the loop in real time, with a camera or a simulated exosuit",
+    "replay": "a recorded run through network and guard once more",
     "stress": "the controllers in random episodes in which much goes wrong",
     "study": "all of it, from simulation to one report",
     "bench": "how many equilibria a second this machine solves",
@@ -45,6 +47,9 @@ One exosuit under four loads
 
 The forces in a picture
   exosight estimate image.png
+
+A force held in real time, with a camera or in simulation
+  exosight live --source 0 --target 0.3 --record run.h5
 
 A page with sliders
   exosight lab

@@ -1,0 +1,158 @@
+"""The loop in real time as a command: what it is made of, and what is told of it."""
+
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from exosight.app.pipeline import camera_of
+from exosight.control.actuators import Lines, NoActuator
+from exosight.control.estimator import OnnxEstimator
+from exosight.control.guard import GuardConfig, Guarded
+from exosight.control.realtime import Step, run_live, timings
+from exosight.control.recording import Recorder
+from exosight.control.rig import SimulatedRig
+from exosight.control.scheduled import Scheduled
+from exosight.control.simulated import SimulatedPlant
+from exosight.control.sources import Crop, open_source
+from exosight.control.tuning import tune
+from exosight.evaluation.tables import Column, Table
+from exosight.exosuit.assembly import Exosuit
+
+
+class Log:
+    """What happened: one line a second and one for every change of the guard's state; numbers for the end."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say, self._seconds, self._late, self._told = say, [], [], -1
+        self._changes: list[dict[str, Any]] = []
+
+    def append(self, step: Step) -> None:
+        """Take note of a step."""
+        self._seconds.append(step.seconds)
+        self._late.append(step.late)
+        if step.cause:
+            change = {"time_s": step.time, "state": step.state.value, "cause": step.cause}
+            self._changes.append(change)
+            self._say(f"{step.time:7.1f} s  {step.state.value}: {step.cause}")
+        if int(step.time) > self._told:
+            self._told = int(step.time)
+            reading = step.sight.reading
+            force = "no estimate" if reading is None else f"F_net {reading.forces.sum():.3f} N"
+            self._say(f"{step.time:7.1f} s  {force}, target {step.target:g} N, u {step.u:.2f} N")
+
+    @property
+    def steps(self) -> int:
+        """How many there were."""
+        return len(self._seconds)
+
+    @property
+    def seconds(self) -> np.ndarray:
+        """Of the stages, (steps, 4) [s]."""
+        return np.array(self._seconds)
+
+    @property
+    def late(self) -> np.ndarray:
+        """How late each step began, (steps,) [s]."""
+        return np.array(self._late)
+
+    def summary(self) -> dict[str, Any]:
+        """Timing and changes of state as plain values."""
+        return {
+            "steps": self.steps,
+            "timing": [asdict(timing) for timing in timings(self.seconds)],
+            "late_p99_s": float(np.quantile(self.late, 0.99)),
+            "guard": self._changes,
+        }
+
+
+def timing_table(seconds: np.ndarray, late: np.ndarray) -> Table:
+    """How long the stages of a step took.
+
+    seconds   (steps, 4)   [s]
+    late      (steps,)     how long after its time each step began [s]
+    """
+    columns = (Column("stage"), *(Column(name, "ms", digits=2) for name in ("median", "p99", "largest")))
+    rows = [(t.stage, 1e3 * t.p50, 1e3 * t.p99, 1e3 * t.largest) for t in timings(seconds)]
+    p50, p99, largest = (1e3 * np.quantile(late, [0.5, 0.99, 1.0])).tolist()
+    rows.append(("late by", p50, p99, largest))
+    note = "see: a frame, or rendering; act: the actuator, or solving; late: behind the clock when it began"
+    return Table("timing", f"{len(seconds)} steps", columns, tuple(rows), note)
+
+
+def on_simulation(
+    exosuit: Exosuit,
+    limits: dict[str, float],
+    model: Path,
+    target: Sequence[float],
+    record: Path | None,
+    log: Log,
+) -> None:
+    """Look at a simulated exosuit, and actuate it; arguments of `tune` are its limits."""
+    network = OnnxEstimator.load(model)
+    guarded = Guarded(Scheduled(tune(exosuit, **limits)))
+    rig = SimulatedRig(SimulatedPlant(exosuit, camera_of(network.card)))
+    with _written(record, network, guarded, model, log) as done, _stoppable():
+        run_live(rig, network.read, guarded, rig, target, done)
+
+
+def on_camera(
+    source: str,
+    crop: Crop | None,
+    send: str | None,
+    exosuit: Exosuit,
+    limits: dict[str, float],
+    model: Path,
+    target: Sequence[float],
+    record: Path | None,
+    log: Log,
+) -> None:
+    """Look through a camera or at pictures in files, and tell u to whoever reads it at `send`."""
+    network = OnnxEstimator.load(model)
+    frames = open_source(source, network.card.image_width, network.card.image_height, crop)
+    with closing(frames), ExitStack() as stack:
+        # A camera has noise: the same picture, bit by bit, for half a second is no picture.
+        still = max(2, round(0.5 / limits["period"])) if source.isdecimal() else 0
+        guarded = Guarded(Scheduled(tune(exosuit, **limits)), GuardConfig(frozen_frames=still))
+        done = stack.enter_context(_written(record, network, guarded, model, log))
+        stack.enter_context(_stoppable())
+        actuator = stack.enter_context(closing(NoActuator() if send is None else Lines.open(send)))
+        run_live(frames, network.read, guarded, actuator, target, done)
+
+
+@contextmanager
+def _written(
+    record: Path | None, network: OnnxEstimator, guarded: Guarded, model: Path, log: Log
+) -> Iterator[Callable[[Step], None]]:
+    """What to do with every step: log it, and record it if there is a file for it."""
+    if record is None:
+        yield log.append
+        return
+    size = network.card.image_height, network.card.image_width
+    with closing(Recorder(record, size, guarded, model)) as recorder:
+
+        def done(step: Step) -> None:
+            log.append(step)
+            recorder.append(step)
+
+        yield done
+
+
+@contextmanager
+def _stoppable() -> Iterator[None]:
+    """A polite kill and a terminal that is closed stop the loop as Ctrl-C does: u returns to 0 first."""
+
+    def stop(number: int, frame: Any) -> None:
+        raise KeyboardInterrupt
+
+    kinds = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {kind: signal.signal(kind, stop) for kind in kinds}
+    try:
+        yield
+    finally:
+        for kind, handler in before.items():
+            signal.signal(kind, handler)

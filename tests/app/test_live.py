@@ -1,0 +1,148 @@
+"""`exosight live` and `exosight replay`: files as camera, a simulated exosuit, Ctrl-C, recordings."""
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from exosight.app import live
+from exosight.app.main import main
+from exosight.control import ControllerConfig, ForcePath
+from exosight.control.realtime import Step
+from exosight.control.recording import read_recording
+from exosight.vision.unlike import unlike_images
+
+
+def straight(exosuit: object, contact_limit: float, rate: float, period: float) -> ControllerConfig:
+    """In the place of `tune`, which solves for seconds: a plant whose C3 presses with 0.1 u."""
+
+    def path(u: np.ndarray) -> ForcePath:
+        forces = np.zeros((len(u), 7))
+        forces[:, 2] = 0.1 * np.maximum(u, 0.0)
+        return ForcePath(u, forces, np.zeros(len(u), bool))
+
+    up, down = path(np.linspace(0.0, 3.0, 31)), path(np.linspace(3.0, -1.0, 41))
+    return ControllerConfig(up, down, np.full(7, contact_limit), rate, period, 5.0, 20.0)
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "tune", straight)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Thirty pictures that no network has learned from."""
+    place = tmp_path_factory.mktemp("pictures")
+    for i, image in enumerate(unlike_images("text", 30, 0)):
+        cv2.imwrite(str(place / f"{i:02d}.png"), image)
+    return place
+
+
+def test_a_simulated_exosuit_is_pressed_recorded_and_replayed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(
+        [
+            "live",
+            "--seconds",
+            "1.5",
+            "--record",
+            str(tmp_path / "run.h5"),
+            "--json",
+            str(tmp_path / "run.json"),
+        ]
+    )
+    shown = capsys.readouterr()
+    assert "u is back at 0 N after 15 steps" in shown.err
+    told = read_recording(tmp_path / "run.h5")
+    assert len(told) == 15
+    assert told.forces_true[-1].sum() > 0.1  # of a target of 0.25 N
+    assert [row["stage"] for row in json.loads((tmp_path / "run.json").read_text())["timing"]] == [
+        *("see", "estimate", "decide", "act", "whole step")
+    ]
+    main(["replay", str(tmp_path / "run.h5"), "--json", "-"])
+    shown = capsys.readouterr()
+    assert "the same forces, states and actuations" in " ".join(shown.err.split())
+    steps = json.loads(shown.out)["steps"]
+    np.testing.assert_array_equal([step["u_replayed_N"] for step in steps], told.u)
+    main(["replay", str(tmp_path / "run.h5")])
+    assert "estimate" in capsys.readouterr().out
+
+
+def test_pictures_that_are_not_trusted_move_nothing(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    main(["live", "--source", str(folder), "--seconds", "0.2", "--rate", "100", "--send", "-"])
+    shown = capfd.readouterr()
+    lines = [float(line) for line in shown.out.splitlines()]
+    assert len(lines) == 22  # one before, one a step, one at the end
+    assert set(lines) == {0.0}
+    assert "an image unlike those learned from" in " ".join(shown.err.split())
+
+
+def test_a_folder_that_ends_ends_the_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    main(["live", "--source", str(folder), "--seconds", "60", "--rate", "200"])
+    assert "after 30 steps" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_lets_go_first(
+    tmp_path: Path,
+    kind: signal.Signals,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    note = live.Log.append
+
+    def stop(log: live.Log, step: Step) -> None:
+        note(log, step)
+        if log.steps == 8:
+            os.kill(os.getpid(), kind)
+
+    monkeypatch.setattr(live.Log, "append", stop)
+    before = signal.getsignal(kind)
+    with pytest.raises(SystemExit) as end:
+        main(["live", "--seconds", "120", "--record", str(tmp_path / "run.h5")])
+    assert end.value.code == 130
+    assert "u is back at 0 N after 8 steps" in capsys.readouterr().err
+    assert signal.getsignal(kind) is before
+    told = read_recording(tmp_path / "run.h5")
+    assert len(told) >= 7  # the eighth may have been on its way to the file
+    assert told.u[-1] > 1
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["--source", "nothing"], "source"),
+        (["--source", "63"], "camera 63"),
+        (["--send", "-"], "--source"),
+        (["--target", "-1"], "target"),
+        (["--rate", "0"], "rate"),
+        (["--r0", "0.02"], "r0"),
+        (["--source", ".", "--send", "-", "--json", "-"], "stdout"),
+    ],
+)
+def test_wrong_use_is_told_in_one_sentence(
+    words: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["live", *words])
+    assert end.value.code == 2
+    error = capsys.readouterr().err
+    assert complaint in error
+    assert "Traceback" not in error
+
+
+def test_a_recording_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "run.h5").write_text("precious")
+    with pytest.raises(SystemExit):
+        main(["live", "--record", str(tmp_path / "run.h5")])
+    assert "exists already" in capsys.readouterr().err
+    assert (tmp_path / "run.h5").read_text() == "precious"
+    with pytest.raises(SystemExit):
+        main(["replay", str(tmp_path / "run.h5")])
+    assert "damaged, or not a recording" in " ".join(capsys.readouterr().err.split())
