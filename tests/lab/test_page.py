@@ -160,6 +160,13 @@ def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page]
     page.get_by_label("Sensor").select_option("true")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#time")).to_have_attribute("max", "59", timeout=SOON)
+    # Wherever it is now: the key moves the time, and moving it pauses.
+    page.locator("#time").focus()
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#play")).to_have_text("Play")
+    page.locator("#play").click()
+    expect(page.locator("#play")).to_have_text("Pause")
     page.locator("#play").click()
     expect(page.locator("#play")).to_have_text("Play")
     page.locator("#time").focus()

@@ -35,9 +35,8 @@ export function forceTable(host, withTruth) {
       if (truth) words.unshift(truth[i + 1].toFixed(3));
       words.forEach((each, k) => { if (cells[k].textContent !== each) cells[k].textContent = each; });
     });
-    axis.replaceChildren(...[0, 0.5, 1].map((at) => svg("text", {
-      x: `${100 * at}%`, y: 12, "text-anchor": ["start", "middle", "end"][2 * at],
-    }, at === 1 ? `${most} N` : String(Number((at * most).toPrecision(2))))));
+    axis.replaceChildren(svg("text", { x: "0%", y: 12 }, "0"),
+      svg("text", { x: "100%", y: 12, "text-anchor": "end" }, `${most} N`));
   };
 }
 
