@@ -38,6 +38,8 @@ figures: .venv/ready-test
 	$(BIN)/python docs/figures.py
 	$(BIN)/python docs/figures_validation.py
 	$(BIN)/python docs/figures_identifiability.py
+	$(BIN)/python docs/figures_control.py
+	$(BIN)/python docs/figures_stress.py
 	$(BIN)/python docs/figures_animation.py
 	$(BIN)/python docs/tables.py
 	$(BIN)/python tools/dependencies.py
@@ -52,7 +54,7 @@ dist: .venv/ready-test
 	EXOSIGHT_TEST_WHEEL=dist $(BIN)/pytest tests/test_distribution.py
 
 .venv/ready-train: pyproject.toml constraints.txt
-	@PYTHON="$(PYTHON)" sh tools/setup.sh train
+	@PYTHON="$(PYTHON)" sh tools/setup.sh train,lab
 
 .venv/ready-test: pyproject.toml constraints.txt
 	@PYTHON="$(PYTHON)" sh tools/setup.sh train,cluster,compare,docs,gym,lab,test

@@ -34,7 +34,7 @@ def stress(
     Examples:
       exosight stress --episodes 100
       exosight stress --model results/light/model.onnx --out results/stress
-      exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --bursts 0 --no-wrong-plant
+      exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --no-wrong-plant
 
     Args:
         config: what may go wrong
