@@ -137,7 +137,7 @@ def test_negative_numbers_are_numbers() -> None:
     ("words", "said"),
     [
         ("simulatte", "got 'simulatte'; perhaps you meant simulate"),
-        ("draw", "one of simulate, generate, train, estimate, evaluate, control, study, bench, got 'draw'"),
+        ("draw", f"one of {', '.join(COMMANDS)}, got 'draw'"),
         ("--foo", "got '--foo'"),
         ("simulate --lenght 0.1", "unknown options: --lenght, 0.1; perhaps you meant --length"),
         ("simulate extra", "unknown options: extra"),
