@@ -7,7 +7,7 @@ import json
 import os
 from pathlib import Path
 
-from benchmarks import dataset, equilibria, renderer
+from benchmarks import control_step, dataset, environment, equilibria, estimate, renderer
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "bench.json"
 
@@ -15,7 +15,7 @@ RESULT = Path(__file__).parents[1] / "docs" / "results" / "bench.json"
 def main() -> None:
     """Run, print, write."""
     found = {"load_before": round(os.getloadavg()[0], 2), "cores": os.cpu_count()}
-    for benchmark in (equilibria, renderer, dataset):
+    for benchmark in (equilibria, renderer, dataset, estimate, control_step, environment):
         measured = benchmark.run()
         for key, value in measured.items():
             print(f"{key}: {value}")

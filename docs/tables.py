@@ -16,6 +16,9 @@ TITLES = {
     "equilibria": "Equilibria of the worn exosuit",
     "renderer": "Pictures",
     "dataset": "The paper's dataset, whole",
+    "estimate": "One reading of the shipped network, one thread",
+    "control_step": "One step of the loop in real time",
+    "environment": "The Gymnasium environment",
 }
 UNITS = {
     "seconds": "s",
@@ -26,6 +29,8 @@ UNITS = {
     "first_call_seconds": "s",
     "cached_call_seconds": "s",
     "memory": "MiB",
+    "milliseconds_median": "ms",
+    "milliseconds_p99": "ms",
     "frames_per_second": "1/s",
 }
 
