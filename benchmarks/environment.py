@@ -9,7 +9,7 @@ import numpy as np
 from exosight.app.bench import cpu_name
 from exosight.environment.envs import GripVectorEnv
 
-GRIPS, STEPS, REPEATS = 128, 20, 3
+GRIPS, STEPS, REPEATS = 64, 15, 2
 
 
 def run() -> dict[str, Any]:
