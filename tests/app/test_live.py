@@ -2,7 +2,9 @@
 
 import json
 import os
+import re
 import signal
+import time
 from pathlib import Path
 
 import cv2
@@ -11,9 +13,10 @@ import pytest
 
 from exosight.app import live
 from exosight.app.main import main
-from exosight.control import ControllerConfig, ForcePath
+from exosight.control import ControllerConfig, ForcePath, sources, tuning
 from exosight.control.realtime import Step
 from exosight.control.recording import read_recording
+from exosight.control.sources import Frame
 from exosight.vision.unlike import unlike_images
 
 
@@ -146,3 +149,15 @@ def test_a_recording_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFi
     with pytest.raises(SystemExit):
         main(["replay", str(tmp_path / "run.h5")])
     assert "damaged, or not a recording" in " ".join(capsys.readouterr().err.split())
+
+
+def test_the_code_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With three pictures for a camera, and a controller that need not be tuned."""
+    shown = [Frame(image, time.monotonic()) for image in unlike_images("text", 3, 0)]
+    monkeypatch.setattr(sources, "camera", lambda number, width, height: iter(shown))
+    monkeypatch.setattr(tuning, "tune", lambda exosuit: straight(exosuit, 0.5, 10.0, 0.1))
+    monkeypatch.chdir(tmp_path)
+    page = (Path(__file__).parents[2] / "docs" / "realtime.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    exec(compile(code, "realtime.md", "exec"), {})
+    assert len(read_recording(tmp_path / "run.h5")) == 3

@@ -1,6 +1,8 @@
 """The grip as Gymnasium sees it: its checks, one beside many, episodes that begin anew, limits and pay."""
 
+import re
 import warnings
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -176,6 +178,16 @@ def test_gymnasium_makes_many() -> None:
     assert len(frames) == COUNT
     np.testing.assert_array_equal(frames[1][..., 2], seen["image"][1, ..., 0])
     assert told["_F_net"].all()
+
+
+def test_the_code_of_the_page_runs() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "gymnasium.md").read_text()
+    (code,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    assert "num_envs=64" in code
+    names: dict[str, Any] = {}
+    exec(compile(code.replace("num_envs=64", f"num_envs={COUNT}"), "gymnasium.md", "exec"), names)
+    assert names["rewards"].shape == (COUNT,)
+    assert set(names["env"].observation_space.spaces) == {"image", "state"}
 
 
 # What is refused
