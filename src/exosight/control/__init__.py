@@ -12,6 +12,11 @@ scheduled   a law with the gains of those paths, and limits on actuation and on 
 tuning      those paths from a simulation (needs JAX: `exosight.control.tuning`)
 guard       what may be trusted, and what to do when it may not: normal, slow, hold, release
 guarded     the loop with that law and guard in it
+sources     frames of a camera, a video, a folder of pictures
+actuators   what carries u to the exosuit
+realtime    the guarded loop at a fixed rate, which always ends at u = 0
+rig         a simulated plant in the place of camera and actuator (needs JAX: `exosight.control.rig`)
+recording   such a run as one file, and its frames through network and guard again
 responses   settling, overshoot, steady-state error
 trials      the paper's three constant targets and three step responses
 stress      many random episodes in which much goes wrong
