@@ -9,7 +9,7 @@ import pytest
 from exosight.app.main import main
 from exosight.app.stress import draw, stress_table
 
-SHORT = ["stress", "--episodes", "10", "--hold-seconds", "1", "--release-seconds", "1.1"]
+SHORT = ["stress", "--episodes", "10", "--hold-seconds", "1.5", "--release-seconds", "1.1"]
 
 
 def test_the_folder_holds_summary_episodes_and_figure(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -19,10 +19,10 @@ def test_the_folder_holds_summary_episodes_and_figure(tmp_path: Path, capsys: py
     assert found == json.loads(told.read_text())
     assert found["about"]["episodes"] == 10
     assert found["about"]["model"] is None
-    assert found["about"]["config"]["hold_seconds"] == 1
+    assert found["about"]["config"]["hold_seconds"] == 1.5
     assert set(found["controllers"]) == {"guarded", "K_P = 1"}
     assert found["controllers"]["guarded"]["commands_outside"] == 0
-    rows = list(csv.DictReader((out / "K_P___1.csv").open()))
+    rows = list(csv.DictReader((out / "K_P_1.csv").read_text().splitlines()))
     assert [row["episode"] for row in rows] == [str(number) for number in range(10)]
     largest = max(float(row["largest_contact"]) for row in rows)
     assert found["controllers"]["K_P = 1"]["largest_contact"]["largest"] == pytest.approx(largest, rel=1e-5)

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -82,7 +83,7 @@ def write_stress(outcomes: Mapping[str, Outcome], found: Mapping[str, Any], fold
     """Write `results` (results.json), every episode (a CSV a controller) and the figure (SVG)."""
     write_new_file(folder / "results.json", to_json(found).encode())
     for name, outcome in outcomes.items():
-        file = "".join(c if c.isalnum() else "_" for c in name).strip("_")
+        file = re.sub(r"\W+", "_", name)
         write_new_file(folder / f"{file}.csv", _rows(outcome.measured).encode())
     write_new_file(folder / "stress.svg", figures.to_svg(draw(found)))
 

@@ -35,7 +35,7 @@ WRONG_PLANT = PlantVariation(
 class StressConfig:
     """What may go wrong, and how often."""
 
-    hold_seconds: Annotated[float, Field(ge=1, le=60)] = 3.0
+    hold_seconds: Annotated[float, Field(ge=1.5, le=60)] = 3.0
     """time until the target drops [s]"""
     release_seconds: Annotated[float, Field(ge=1.1, le=60)] = 1.5
     """time after that [s]"""

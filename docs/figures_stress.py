@@ -1,0 +1,66 @@
+"""The picture and tables of docs/stress.md, from docs/results/stress*.json; the numbers, each a `--json`:
+
+stress.json          exosight stress --gains --model src/exosight/models/light.onnx
+stress_true.json     exosight stress --gains
+stress_paper.json    exosight stress --gains 5 --episodes 100
+stress_latency.json  as stress.json, with --latency 0.1 0.1 --dropped 0.1 0.1 --repeated 0 0 --bursts 0
+                     --no-wrong-plant --no-wrong-camera --no-moving-user
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from figures_validation import into_page, table_of
+from matplotlib.figure import Figure
+
+from exosight.app.stress import draw, stress_table
+from exosight.evaluation.tables import cell_text
+
+HERE = Path(__file__).parent
+PAGE, RESULTS, IMAGE = HERE / "stress.md", HERE / "results", HERE / "images" / "stress.png"
+NAMES = ("stress", "stress_true", "stress_paper", "stress_latency")
+
+
+def load() -> dict[str, Any]:
+    """The measured numbers, by name."""
+    return {name: json.loads((RESULTS / f"{name}.json").read_text()) for name in NAMES}
+
+
+def tables(found: dict[str, Any]) -> dict[str, str]:
+    """The page's tables, by name."""
+    shown = {}
+    for name, told in found.items():
+        table = stress_table(told)
+        heads = [f"{c.name} [{c.unit}]" if c.unit else c.name for c in table.columns]
+        rows = [
+            [cell_text(cell, column) for cell, column in zip(row, table.columns, strict=True)]
+            for row in table.rows
+        ]
+        shown[name] = table_of(heads, rows)
+    causes = found["stress"]["controllers"]["guarded"]["transitions"]
+    shown["causes"] = table_of(
+        ["state that is entered, and why", "times"], [[cause, str(count)] for cause, count in causes.items()]
+    )
+    return shown
+
+
+def picture(found: dict[str, Any]) -> Figure:
+    """Where the episodes lie, the guarded controller's and the paper's law's."""
+    runs = {
+        "guarded, image": found["stress"]["controllers"]["guarded"],
+        "guarded, true force": found["stress_true"]["controllers"]["guarded"],
+        "paper's law, K_P = 5, true force": found["stress_paper"]["controllers"]["K_P = 5"],
+    }
+    return draw({"controllers": runs})
+
+
+def main() -> None:
+    """Draw the picture and fill in the page."""
+    found = load()
+    picture(found).savefig(IMAGE, dpi=150, metadata={"Software": None})
+    PAGE.write_text(into_page(PAGE.read_text(), tables(found)))
+
+
+if __name__ == "__main__":
+    main()
