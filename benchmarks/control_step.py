@@ -21,6 +21,7 @@ from exosight.control.rig import SimulatedRig
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.tuning import tune
 from exosight.exosuit.assembly import Exosuit
+from exosight.machine import cores
 
 RATE = 60.0
 """[Hz]"""
@@ -48,7 +49,7 @@ def run(now: Callable[[], float] = perf_counter) -> dict[str, Any]:
     found: dict[str, Any] = {
         "name": "control step",
         "cpu": cpu_name(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "cores": cores(),
         "load before": round(os.getloadavg()[0], 2),
         "steps": len(seconds),
     }

@@ -8,6 +8,7 @@ import numpy as np
 
 from exosight.app.bench import cpu_name
 from exosight.environment.envs import GripVectorEnv
+from exosight.machine import cores
 
 GRIPS, STEPS, REPEATS = 64, 15, 2
 
@@ -17,7 +18,7 @@ def run() -> dict[str, Any]:
     found: dict[str, Any] = {
         "name": "environment",
         "cpu": cpu_name(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "cores": cores(),
         "load before": round(os.getloadavg()[0], 2),
         "grips": GRIPS,
     }

@@ -22,6 +22,7 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from exosight.app.bench import cpu_name
+from exosight.machine import cores
 
 PORT = 8799
 URL = f"http://127.0.0.1:{PORT}"
@@ -118,7 +119,7 @@ def _pages() -> dict[str, float]:
 def run(seconds: float = 60) -> dict:
     """Latency [ms] and memory [MiB]; needs Chromium."""
     rng = np.random.default_rng(0)
-    result: dict = {"name": "lab", "cpu": cpu_name(), "cores": len(os.sched_getaffinity(0))}
+    result: dict = {"name": "lab", "cpu": cpu_name(), "cores": cores()}
     with serving() as server, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         page = browser.new_page()

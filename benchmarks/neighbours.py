@@ -21,6 +21,7 @@ from rich.progress import track
 from benchmarks import motion, rest
 from benchmarks.planar import LENGTH, PRESS, TIP_FORCE, at_rest
 from exosight.app.bench import cpu_name
+from exosight.machine import cores
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "neighbours.json"
 REPEATS = 3
@@ -145,7 +146,7 @@ def measure() -> dict[str, Any]:
     return {
         "machine": {
             "cpu": cpu_name(),
-            "cores": len(os.sched_getaffinity(0)),
+            "cores": cores(),
             "load_before": round(load, 2),
             "versions": {name: version(name) for name in PACKAGES},
         },

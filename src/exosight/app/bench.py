@@ -18,6 +18,7 @@ import numpy as np
 from exosight.arrays import AnyArray
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, assemble
 from exosight.exosuit.scenarios import sample_shapes
+from exosight.machine import cores
 from exosight.mechanics import Robot, follow
 
 FLOOR = 0.15e6
@@ -106,10 +107,10 @@ def bench(per_scenario: int, done: Callable[[int, int], None] = lambda done, tot
     median = statistics.median(seconds)
     resolve = _resolve(robots[0], found.q[:1, LOADS // 2])
     done(total, total)
-    iterations, cores = np.asarray(found.iterations), _cores()
+    iterations = np.asarray(found.iterations)
     return Bench(
         cpu=cpu_name(),
-        cores=cores,
+        cores=cores(),
         device=jax.devices()[0].device_kind,
         shapes=len(robots),
         equilibria=iterations.size,
@@ -119,7 +120,7 @@ def bench(per_scenario: int, done: Callable[[int, int], None] = lambda done, tot
         snaps=int(np.sum(found.snapped)),
         iterations_mean=float(iterations.mean()),
         iterations_median=float(np.median(iterations)),
-        microseconds_per_iteration=1e6 * median * cores / float(iterations.sum()),
+        microseconds_per_iteration=1e6 * median * cores() / float(iterations.sum()),
         matrix_product_rate=rate / 1e9,
         share_of_floor=FLOOR * float(iterations.sum()) / rate / median,
         resolve_milliseconds=1e3 * resolve,
@@ -172,7 +173,3 @@ def _first_calls() -> tuple[float, float]:
             )
             seconds.append(float(run.stdout))
     return seconds[0], seconds[1]
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -10,6 +10,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from exosight import __version__
+from exosight.machine import cores
 
 GIVES = {
     "train": "training networks and exporting them as ONNX",
@@ -93,7 +94,7 @@ def examine() -> Health:
         torch=_try_torch(),
         estimator=estimator,
         cache=_cache(),
-        cores=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        cores=cores(),
         memory=_memory(),
         disk=shutil.disk_usage(Path.cwd()).free / 2**30,
         browser=next((found for name in BROWSERS if (found := shutil.which(name))), None),

@@ -1,13 +1,13 @@
 """What a user chooses about a training run; usable without PyTorch."""
 
 import dataclasses
-import os
 from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from exosight.learning.recipes import RECIPES
+from exosight.machine import cores
 
 NetworkName = Literal["light", "paper"]
 RecipeName = Literal["modern", "paper"]
@@ -68,14 +68,7 @@ def resolve(config: TrainConfig, device: Literal["cpu", "cuda"], precision: Prec
         learning_rate=config.learning_rate or RECIPES[recipe].learning_rate,
         batch=config.batch or RECIPES[recipe].batch,
         seed=config.seed,
-        threads=config.threads or _cores(),
+        threads=config.threads or cores(),
         device=device,
         precision=RECIPES[recipe].precision or precision if config.precision == "auto" else config.precision,
     )
-
-
-def _cores() -> int:
-    """Count the cores that this process may use, which under a scheduler are fewer than the machine's."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -102,7 +102,7 @@ def follow(
         for robot, q0 in zip(robots, start, strict=True)
     ]
     limits = (options.tolerance, options.max_iterations, options.lanes)
-    groups = -(-len(jobs) // max(GROUP, width(options.lanes)))
+    groups = -(-len(jobs) // max(GROUP, width(options.lanes, len(jobs))))
     results = []
     for numbers in np.array_split(np.arange(len(jobs)), groups):  # of equal sizes: no compilation for a rest
         group = slice(numbers[0], numbers[-1] + 1)

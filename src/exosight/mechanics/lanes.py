@@ -4,7 +4,6 @@ What changes hands between Python and compiled code are NumPy arrays: indexing J
 dispatch each, which for thousands of robots is more than solving them.
 """
 
-import os
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -16,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from exosight.arrays import AnyArray
+from exosight.machine import cores
 from exosight.mechanics.newton import Path, begin, metric_of, stepper
 from exosight.mechanics.robot import Robot
 
@@ -42,9 +42,10 @@ Solved = tuple[Path, Float[np.ndarray, "dofs dofs"]]
 """A path with what was found at each load, and the metric of its robot."""
 
 
-def width(lanes: int | None) -> int:
-    """Lanes side by side: as asked for, or what suits the device."""
-    return lanes or (8 if jax.default_backend() == "cpu" else 2048)
+def width(lanes: int | None, robots: int) -> int:
+    """Lanes side by side: as asked for or as suits the device, but no more than the robots fill."""
+    most = lanes or (8 if jax.default_backend() == "cpu" else 2048)
+    return min(most, 1 << max(0, robots - 1).bit_length())
 
 
 def run(
@@ -59,7 +60,7 @@ def run(
     done   called with the number of jobs finished, as they finish
     """
     on_cpu = jax.default_backend() == "cpu"
-    lanes = min(width(lanes), _power_of_two(len(jobs)))
+    lanes = width(lanes, len(jobs))
     advance = _compiled(jax.tree.structure(jobs[0].robot))
     leaves = [[np.asarray(leaf) for leaf in jax.tree.leaves(job.robot)] for job in jobs]
     queue = _Queue(len(jobs))
@@ -173,15 +174,6 @@ class _Queue:
             taken = range(self._next, min(self._next + most, self._count))
             self._next = taken.stop
         return list(taken)
-
-
-def cores() -> int:
-    """Processor cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _power_of_two(least: int) -> int:
-    return 1 << max(0, least - 1).bit_length()
 
 
 @lru_cache(maxsize=64)

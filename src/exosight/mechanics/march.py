@@ -15,8 +15,9 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
+from exosight.machine import cores
 from exosight.mechanics.equilibrium import SolverOptions
-from exosight.mechanics.lanes import cores, width
+from exosight.mechanics.lanes import width
 from exosight.mechanics.newton import Path, begin, stepper
 from exosight.mechanics.robot import Robot
 
@@ -83,7 +84,7 @@ def _solve(
     options: SolverOptions,
 ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """For each group of the robots in `order`: who, their last equilibria, how many loads they solved."""
-    lanes = min(width(options.lanes), 1 << (len(q) - 1).bit_length())
+    lanes = width(options.lanes, len(q))
     leaves, structure = jax.tree.flatten(robots)
     leaves = [np.asarray(leaf) for leaf in leaves]
     limits = np.asarray(options.tolerance), np.asarray(options.max_iterations)
