@@ -1,6 +1,6 @@
 """Epochs with fresh frames among them."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +47,7 @@ def test_a_stopped_run_resumes_with_the_block_of_its_epoch(
 ) -> None:
     asked: list[int] = []
 
-    def blocks(first: int) -> Iterator[Block]:
+    def blocks(first: int) -> Generator[Block, None, None]:
         asked.append(first)
         for epoch in range(first, 100):
             yield block(blobs, 16, gray=epoch)

@@ -1,6 +1,6 @@
 """Fresh frames in an epoch: learned from once, in place of as many of the stored ones."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,7 @@ class Block(NamedTuple):
     auxiliary: Float32[np.ndarray, "frames auxiliary"]
 
 
-Blocks = Callable[[int], Iterator[Block]]
+Blocks = Callable[[int], Generator[Block, None, None]]
 """From the number of an epoch, counted from 0, its block and those of the epochs after it."""
 
 

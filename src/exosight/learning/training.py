@@ -127,15 +127,26 @@ def _run(
     progress: Callable[[Progress], None] | None,
 ) -> None:
     """Take a run to its end, its curves into TensorBoard's files as well."""
-    blocks = fresh(run.position.epoch) if fresh else None
-    with SummaryWriter(str(run.folder / BOARD_NAME), purge_step=run.position.step + 1) as board:
+    with (
+        contextlib.closing(fresh(run.position.epoch) if fresh else _no_blocks()) as blocks,
+        _board(run) as board,
+    ):
         while not run.position.complete:
-            _run_epoch(run, samples, next(blocks) if blocks else None, progress)
+            _run_epoch(run, samples, next(blocks), progress)
             latest = run.history[-1]
             for name, value in latest.curves().items():
                 board.add_scalar(name, value, latest.step)
-    if isinstance(blocks, Generator):
-        blocks.close()
+
+
+def _board(run: Run) -> SummaryWriter:
+    """A file of its own, also for a run that goes on within the second in which it was stopped."""
+    step = run.position.step
+    return SummaryWriter(str(run.folder / BOARD_NAME), purge_step=step + 1, filename_suffix=f".{step}")
+
+
+def _no_blocks() -> Generator[None, None, None]:
+    while True:
+        yield None
 
 
 def _run_epoch(
