@@ -7,6 +7,7 @@ from typing import Any
 
 import onnx
 
+from exosight.app.commands import bench
 from exosight.control.estimator import DEFAULT_MODEL
 
 HERE = Path(__file__).parent
@@ -21,14 +22,7 @@ TITLES = {
     "environment": "The Gymnasium environment",
 }
 UNITS = {
-    "seconds": "s",
-    "equilibria_per_second": "1/s",
-    "microseconds_per_iteration": "µs",
-    "matrix_product_rate": "Gflop/s",
-    "resolve_milliseconds": "ms",
-    "first_call_seconds": "s",
-    "cached_call_seconds": "s",
-    "memory": "MiB",
+    **bench.UNITS,
     "milliseconds_median": "ms",
     "milliseconds_p99": "ms",
     "frames_per_second": "1/s",

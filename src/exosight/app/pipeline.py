@@ -1,7 +1,7 @@
 """From a dataset to a judged estimator: the steps that single commands and the study share."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -131,7 +131,7 @@ def fit(
 def _fresh(data: Data, per_scenario: int) -> Blocks:
     """Blocks of frames as those of the dataset, of shapes that it does not have."""
 
-    def blocks(first: int) -> Iterator[Block]:
+    def blocks(first: int) -> Generator[Block, None, None]:
         known = TypeAdapter(GenerateConfig).validate_python(data.manifest.config)
         with stream(
             replace(known, per_scenario=per_scenario), exclude=sampled_shapes(data.manifest), start=first

@@ -1,5 +1,6 @@
 """Contact forces from images: the interface that control sees, and the trained network behind it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -50,6 +51,16 @@ class Reader(Protocol):
     def read(self, images: np.ndarray, level: float = 0.9) -> Reading:
         """Forces, intervals, contact and how unlike those learned from each image is."""
         ...
+
+
+def read_one(
+    read: Callable[[UInt8[np.ndarray, "1 height width"]], Reading], image: UInt8[np.ndarray, "height width"]
+) -> Reading | None:
+    """What a network reads off one image; None if it answers no finite number, which is no answer."""
+    try:
+        return read(image[None])
+    except DataError:
+        return None
 
 
 @dataclass(frozen=True)

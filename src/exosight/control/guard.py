@@ -90,6 +90,11 @@ class Sight:
     age: float = 0.0
     u: float | None = None
 
+    @property
+    def net_force(self) -> float:
+        """F_net as it was read [N]; NaN if nothing was."""
+        return float("nan") if self.reading is None else float(self.reading.forces.sum())
+
 
 @dataclass(frozen=True)
 class Transition:

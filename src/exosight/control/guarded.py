@@ -5,11 +5,10 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
-from exosight.control.estimator import Reader, Reading
+from exosight.control.estimator import Reader, Reading, read_one
 from exosight.control.guard import Guarded, Sight
 from exosight.control.loop import Record, run
 from exosight.control.plant import Observation, Plant
-from exosight.errors import DataError
 
 Sense = Callable[[Observation], Sight]
 """What the guard is shown of an observation; wrap it to delay, drop or spoil frames."""
@@ -19,11 +18,7 @@ def sight_from(estimator: Reader) -> Sense:
     """Picture, estimate, interval and score; a network that answers no number has answered nothing."""
 
     def sense(observation: Observation) -> Sight:
-        try:
-            reading = estimator.read(observation.image[None])
-        except DataError:
-            reading = None
-        return Sight(observation.image, reading, u=observation.u)
+        return Sight(observation.image, read_one(estimator.read, observation.image), u=observation.u)
 
     return sense
 
@@ -61,8 +56,7 @@ class _Driver:
 
     def measure(self, observation: Observation) -> float:
         self._sight = self._sense(observation)
-        reading = self._sight.reading
-        return float("nan") if reading is None else float(reading.forces.sum())
+        return self._sight.net_force
 
     def next(self, target: float, measured: float) -> float:
         return self._guarded.step(target, self._sight)

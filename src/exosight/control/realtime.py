@@ -8,18 +8,17 @@ act       the actuator; of a simulated plant, solving
 
 import time
 from collections.abc import Callable, Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.control.actuators import Actuator
-from exosight.control.estimator import Reading
+from exosight.control.estimator import Reading, read_one
 from exosight.control.guard import Guarded, Sight, State
 from exosight.control.paths import limited
 from exosight.control.sources import Frame, Source
-from exosight.errors import DataError, InputError
+from exosight.errors import InputError
 
 STAGES = ("see", "estimate", "decide", "act")
 
@@ -96,7 +95,7 @@ def run_live(
             except StopIteration:
                 return
             seen = clock.now()
-            reading = _read(read, frame)
+            reading = None if frame is None else read_one(read, frame.image)
             estimated = clock.now()
             sight = Sight() if frame is None else _sight(frame, reading, estimated)
             changes = len(guarded.log)
@@ -113,14 +112,6 @@ def run_live(
 
 def _sight(frame: Frame, reading: Reading | None, now: float) -> Sight:
     return Sight(frame.image, reading, age=now - frame.time, u=frame.u)
-
-
-def _read(read: Read, frame: Frame | None) -> Reading | None:
-    """What the network says; nothing if it answers no number."""
-    if frame is not None:
-        with suppress(DataError):
-            return read(frame.image[None])
-    return None
 
 
 def _let_go(guarded: Guarded, actuator: Actuator, u: float, clock: Clock) -> None:

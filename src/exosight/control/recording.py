@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Float32, Int8, UInt8
 from pydantic import TypeAdapter, ValidationError
 
 from exosight import __version__
-from exosight.control.estimator import Reading
+from exosight.control.estimator import Reading, read_one
 from exosight.control.guard import GuardConfig, Guarded, Sight, State
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.realtime import STAGES, Step
@@ -217,12 +217,9 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
     for i in range(len(recording)):
         sight = Sight()
         if recording.seen[i]:
-            reading = None
-            try:
-                reading = read(recording.images[i][None])
+            reading = read_one(read, recording.images[i])
+            if reading is not None:
                 forces[i] = reading.forces[0]
-            except DataError:  # no finite number: it answered nothing
-                pass
             reported = float(recording.u_reported[i])
             sight = Sight(
                 recording.images[i],

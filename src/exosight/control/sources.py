@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import DataError, InputError
-from exosight.vision.pictures import read_gray
+from exosight.vision.pictures import read_gray, resized
 
 GIVEN_UP = 5.0
 """Time without a frame after which a camera is taken for lost [s]; the guard has let go long before."""
@@ -179,8 +179,7 @@ def fitted(picture: np.ndarray, width: int, height: int, crop: Crop | None = Non
     left, top, side, rows = _part(picture.shape[:2], width, height, crop)
     part = picture[top : top + rows, left : left + side]
     gray = cv2.cvtColor(part, cv2.COLOR_BGR2GRAY) if part.ndim == 3 else part
-    shrinking = side > width
-    return cv2.resize(gray, (width, height), interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_LINEAR)
+    return resized(gray, width, height)
 
 
 def check_crop(shape: tuple[int, int], width: int, height: int, crop: Crop | None) -> None:

@@ -1,7 +1,6 @@
 """Runs of the closed loop, told step by step while they are worked out."""
 
 import base64
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
@@ -112,8 +111,7 @@ class _Eye:
 
     def measure(self, observation: Observation) -> float:
         """F_net for a law without a guard; NaN where there is none."""
-        reading = self.look(observation).reading
-        return math.nan if reading is None else float(reading.forces.sum())
+        return self.look(observation).net_force
 
     def look(self, observation: Observation) -> Sight:
         """What is known of the plant in this step."""

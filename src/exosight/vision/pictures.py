@@ -52,8 +52,14 @@ def decode_gray(data: bytes, name: str, width: int, height: int) -> UInt8[np.nda
         raise DataError(
             f"{name}: expected the aspect ratio {width}:{height}, got {columns}×{rows} pixels; crop it"
         )
-    if (columns, rows) == (width, height):
-        return picture
+    return resized(picture, width, height)
+
+
+def resized(
+    picture: UInt8[np.ndarray, "rows columns"], width: int, height: int
+) -> UInt8[np.ndarray, "height width"]:
+    """A gray picture in another size [pixels]; an area shrinks to its mean."""
+    shrinking = picture.shape[1] > width
     return cv2.resize(
-        picture, (width, height), interpolation=cv2.INTER_AREA if columns > width else cv2.INTER_LINEAR
+        picture, (width, height), interpolation=cv2.INTER_AREA if shrinking else cv2.INTER_LINEAR
     )

@@ -46,8 +46,7 @@ class Bare:
 
     def step(self, target: float, sight: Sight) -> float:
         """The actuation of the coming step [N]."""
-        seen = sight.reading
-        return self._law.next(target, float("nan") if seen is None else float(seen.forces.sum()))
+        return self._law.next(target, sight.net_force)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +109,7 @@ def run_episodes(
         ]
         u.append(np.array(asked))
         states.append(plant.step(u[-1], Joints(stiffness[:, step], rest[:, step])))
-        told = [np.nan if s.reading is None else float(s.reading.forces.sum()) for s in sights]
-        estimated.append(np.array(told))
+        estimated.append(np.array([sight.net_force for sight in sights]))
         done(step, steps - 1)
     return Traces(
         target=target,
