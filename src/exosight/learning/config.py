@@ -10,7 +10,7 @@ from exosight.learning.recipes import RECIPES
 from exosight.machine import cores
 
 NetworkName = Literal["light", "paper"]
-RecipeName = Literal["modern", "paper"]
+RecipeName = Literal["modern", "clean", "paper"]
 Precision = Literal["float32", "bfloat16"]
 
 _RECIPE_OF_NETWORK: dict[NetworkName, RecipeName] = {"light": "modern", "paper": "paper"}
@@ -23,7 +23,8 @@ class TrainConfig:
     network: NetworkName = "light"
     """light: 39 M multiply-adds an image, made for a CPU; paper: the published network, 78,847 parameters"""
     recipe: RecipeName | None = None
-    """modern: one-cycle AdamW; paper: Adam until a plateau; default: modern for light, paper for paper"""
+    """modern: one-cycle AdamW on images moved, faded and made noisy; clean: the same on images as they are;
+    paper: Adam until a plateau, on images as they are; default: modern for light, paper for paper"""
     epochs: Annotated[int, Field(ge=1, le=100_000)] | None = None
     """passes over the training part; default: the recipe's (paper: at most, it stops when it stalls)"""
     learning_rate: Annotated[float, Field(gt=0, le=1)] | None = None

@@ -159,4 +159,4 @@ def _cosine(start: float, end: float, fraction: float) -> float:
     return end + (start - end) * (1.0 + math.cos(math.pi * fraction)) / 2.0
 
 
-RECIPES: dict[str, Recipe] = {"modern": Modern(), "paper": Paper()}
+RECIPES: dict[str, Recipe] = {"modern": Modern(), "clean": Modern(augments=False), "paper": Paper()}
