@@ -132,6 +132,20 @@ def test_one_lost_frame_costs_one_step():
     assert bench.guarded.log == []
 
 
+def test_frames_lost_now_and_then_hold_but_do_not_let_go():
+    bench = Bench().settle()
+    held = bench.u
+    for _ in range(2):
+        bench.step(Sight())
+    assert bench.state is State.HOLD
+    for _ in range(10):
+        for sight in (None, None, Sight()):  # never five good ones in a row, never two bad ones
+            assert bench.step(sight) == held
+    for _ in range(5):
+        bench.step()
+    assert [entry.after for entry in bench.guarded.log] == [State.HOLD, State.SLOW]
+
+
 def test_a_frame_that_stays_the_same_is_frozen_once_u_has_moved():
     bench, still = Bench(), picture(7)
     bench.step(bench.good(image=still))  # taken at u = 0

@@ -4,8 +4,8 @@
     NORMAL    as the law asks                         in doubt → SLOW; 2 bad frames in a row → HOLD
     SLOW      unloads as asked, loads at a quarter    5 sure frames in a row → NORMAL; 2 bad → HOLD
               of the law's step
-    HOLD      stays                                   5 good frames in a row → SLOW; a bad frame after 5 steps
-                                                      → RELEASE
+    HOLD      stays                                   5 good frames in a row → SLOW; after 5 steps, 2 bad
+                                                      frames in a row → RELEASE
     RELEASE   → 0 at the full rate, blindly           at u = 0, after 5 good frames in a row → SLOW
 
 From every other state a contact beyond its limit by a quarter leads to RELEASE, and so does a bad frame while
@@ -64,9 +64,9 @@ class GuardConfig:
     overload: Annotated[float, Field(ge=1)] = 1.25
     """share of its limit above which the force on a contact is too large"""
     bad_frames: Count = 2
-    """bad frames in a row that lead to HOLD; u stays at the first already"""
+    """bad frames in a row that lead to HOLD, and from there to RELEASE; u stays at the first already"""
     hold_steps: Count = 5
-    """steps in HOLD after which a bad frame leads to RELEASE"""
+    """steps in HOLD after which bad frames in a row lead to RELEASE"""
     good_frames: Count = 5
     """good frames in a row that lead out of HOLD, RELEASE and SLOW"""
     limit_steps: Count = 20
@@ -250,7 +250,7 @@ class Guarded:
                 self._go(State.SLOW, doubt)
             elif state is State.SLOW and self._sure >= guard.good_frames:
                 self._go(State.NORMAL, f"{self._sure} sure frames in a row")
-        elif state is State.HOLD and fault and self._inside > guard.hold_steps:
+        elif state is State.HOLD and self._bad >= guard.bad_frames and self._inside > guard.hold_steps:
             self._go(State.RELEASE, f"{fault}, after {self._inside - 1} steps of holding")
         elif self._good >= guard.good_frames and (state is State.HOLD or at_rest):
             self._go(State.SLOW, f"{self._good} good frames in a row")
