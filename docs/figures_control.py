@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from figures_validation import into_page, table_of
+from _parts.pages import fill, table_of
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -293,7 +293,7 @@ def main() -> None:
     found = load()
     for name, figure in {"constant": constant(found["constant"]), "step": steps(found["step"])}.items():
         figure.savefig(IMAGES / f"control_{name}.png", dpi=150, metadata={"Software": None})
-    PAGE.write_text(into_page(PAGE.read_text(), tables(found)))
+    fill(PAGE, tables(found))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from _parts.pages import fill, table_of
 
 from exosight.evaluation.figures import identifiability_map
 from exosight.evaluation.identifiability import MATERIAL_KNOWN, MATERIAL_VARIES, resolved, sensitivity
@@ -20,7 +21,7 @@ SHAPES = {
 LOADS = np.arange(0.1, 4.01, 0.1)
 
 
-def row(name: str, found: np.ndarray, forces: np.ndarray) -> str:
+def row(name: str, found: np.ndarray, forces: np.ndarray) -> list[str]:
     """Medians over the actuations at which one contact presses, two do, and of F_net."""
     pressing = (forces > 0).sum(axis=1)
     cells = [
@@ -28,7 +29,7 @@ def row(name: str, found: np.ndarray, forces: np.ndarray) -> str:
         for count in (1, 2)
     ]
     cells.append(np.nanmedian(found[:, 7]))
-    return f"| {name} | " + " | ".join("–" if np.isnan(c) else f"{1000 * c:.2f}" for c in cells) + " |"
+    return [name, *("–" if np.isnan(c) else f"{1000 * c:.2f}" for c in cells)]
 
 
 def main() -> None:
@@ -41,14 +42,8 @@ def main() -> None:
             cases[f"{name}; {words}"] = found
             rows.append(row(f"{name}; {words}", found, of.forces))
     identifiability_map(LOADS, cases).savefig(IMAGE, dpi=110)
-    heads = (
-        "| exosuit | one contact presses [mN] | two press [mN] | F_net [mN] |\n| --- | --- | --- | --- |\n"
-    )
-    before, _, rest = PAGE.read_text(encoding="utf-8").partition("<!-- resolved -->\n")
-    _, _, after = rest.partition("<!-- end -->")
-    PAGE.write_text(
-        f"{before}<!-- resolved -->\n{heads}" + "\n".join(rows) + f"\n<!-- end -->{after}", encoding="utf-8"
-    )
+    heads = ("exosuit", "one contact presses [mN]", "two press [mN]", "F_net [mN]")
+    fill(PAGE, {"resolved": table_of(heads, rows)})
 
 
 if __name__ == "__main__":

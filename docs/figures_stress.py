@@ -11,11 +11,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from figures_validation import into_page, table_of
+from _parts.pages import fill, shown, table_of
 from matplotlib.figure import Figure
 
 from exosight.app.stress import draw, stress_table
-from exosight.evaluation.tables import cell_text
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGE = HERE / "stress.md", HERE / "results", HERE / "images" / "stress.png"
@@ -29,20 +28,13 @@ def load() -> dict[str, Any]:
 
 def tables(found: dict[str, Any]) -> dict[str, str]:
     """The page's tables, by name."""
-    shown = {}
-    for name, told in found.items():
-        table = stress_table(told)
-        heads = [f"{c.name} [{c.unit}]" if c.unit else c.name for c in table.columns]
-        rows = [
-            [cell_text(cell, column) for cell, column in zip(row, table.columns, strict=True)]
-            for row in table.rows
-        ]
-        shown[name] = table_of(heads, rows)
     causes = found["stress"]["controllers"]["guarded"]["transitions"]
-    shown["causes"] = table_of(
-        ["state that is entered, and why", "times"], [[cause, str(count)] for cause, count in causes.items()]
-    )
-    return shown
+    return {name: shown(stress_table(told)) for name, told in found.items()} | {
+        "causes": table_of(
+            ["state that is entered, and why", "times"],
+            [[cause, str(count)] for cause, count in causes.items()],
+        )
+    }
 
 
 def picture(found: dict[str, Any]) -> Figure:
@@ -59,7 +51,7 @@ def main() -> None:
     """Draw the picture and fill in the page."""
     found = load()
     picture(found).savefig(IMAGE, dpi=150, metadata={"Software": None})
-    PAGE.write_text(into_page(PAGE.read_text(), tables(found)))
+    fill(PAGE, tables(found))
 
 
 if __name__ == "__main__":

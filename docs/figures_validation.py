@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _parts.pages import fill, table_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator
@@ -201,11 +202,6 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of Markdown."""
-    return "\n".join("| " + " | ".join(row) + " |" for row in [head, ["---"] * len(head), *rows])
-
-
 def _power(value: float) -> str:
     return f"{value:.1e}"
 
@@ -245,14 +241,6 @@ def _iterations(found: dict[str, Any]) -> str:
     )
 
 
-def into_page(page: str, found: dict[str, str]) -> str:
-    """The page with what stands between `<!-- name -->` and `<!-- end -->` replaced."""
-    for name, table in found.items():
-        before, rest = page.split(f"<!-- {name} -->\n")
-        page = f"{before}<!-- {name} -->\n{table}\n<!-- end -->{rest.split('<!-- end -->', 1)[1]}"
-    return page
-
-
 def main() -> None:
     """Draw and write everything anew."""
     found = load()
@@ -263,7 +251,7 @@ def main() -> None:
     for name, figure in figures.items():
         figure.savefig(IMAGES / f"{name}.png", dpi=200, metadata={"Software": None})
         print(f"wrote {IMAGES / name}.png")
-    PAGE.write_text(into_page(PAGE.read_text(), tables(found)))
+    fill(PAGE, tables(found))
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import onnx
+from _parts.pages import fill, table_of
 
 from exosight.app.commands import bench
 from exosight.control.estimator import DEFAULT_MODEL
@@ -35,11 +36,15 @@ def bench_tables(found: dict[str, Any] | None) -> str:
         return "Nothing has been measured in this version yet: `make bench`, on an idle machine.\n"
     lines = [f"Load average before the run: {found['load_before']} on {found['cores']} cores.", ""]
     for name, title in TITLES.items():
-        lines += [f"## {title}", "", "| quantity | value | unit |", "| --- | --- | --- |"]
-        for key, value in found[name].items():
-            shown = f"{value:.4g}" if isinstance(value, float) else str(value)
-            lines.append(f"| {key.replace('_', ' ')} | {shown} | {UNITS.get(key, '')} |")
-        lines.append("")
+        rows = [
+            (
+                key.replace("_", " "),
+                f"{value:.4g}" if isinstance(value, float) else str(value),
+                UNITS.get(key, ""),
+            )
+            for key, value in found[name].items()
+        ]
+        lines += [f"## {title}", "", table_of(("quantity", "value", "unit"), rows), ""]
     return "\n".join(lines)
 
 
@@ -63,36 +68,22 @@ def onnx_table(path: Path) -> str:
         "outputs": tensors(graph.output),
         "operators": ", ".join(f"{name} {count}" for name, count in sorted(operators.items())),
     }
-    heads = f"| `{path.name}` | |\n| --- | --- |\n"
-    return heads + "\n".join(f"| {name} | {value} |" for name, value in rows.items()) + "\n"
+    return table_of((f"`{path.name}`", ""), list(rows.items()))
 
 
-def into_page(page: str, mark: str, table: str) -> str:
-    """The page with a table between `<!-- mark -->` and `<!-- end -->`."""
-    before, found, rest = page.partition(f"<!-- {mark} -->\n")
-    _, end, after = rest.partition("<!-- end -->")
-    if not (found and end):
-        raise ValueError(f"no place for {mark} on the page")
-    return f"{before}{found}{table}{end}{after}"
-
-
-def pages() -> dict[Path, str]:
-    """Every page that this makes, as it should be."""
-    made = {}
-    for name, mark, table in (
-        ("benchmarks.md", "bench", bench_tables(json.loads(BENCH.read_text()) if BENCH.exists() else None)),
-        ("matlab.md", "onnx", onnx_table(DEFAULT_MODEL)),
-    ):
-        path = HERE / name
-        made[path] = into_page(path.read_text(encoding="utf-8"), mark, table)
-    return made
+def tables() -> dict[Path, dict[str, str]]:
+    """The tables of each page, by the name of their place."""
+    found = json.loads(BENCH.read_text()) if BENCH.exists() else None
+    return {
+        HERE / "benchmarks.md": {"bench": bench_tables(found)},
+        HERE / "matlab.md": {"onnx": onnx_table(DEFAULT_MODEL)},
+    }
 
 
 def main() -> None:
-    """Write them."""
-    for path, text in pages().items():
-        path.write_text(text, encoding="utf-8")
-        print(f"wrote {path}")
+    """Put them into the pages."""
+    for page, found in tables().items():
+        fill(page, found)
 
 
 if __name__ == "__main__":
