@@ -99,7 +99,7 @@ def test_files_are_offered_for_saving(client: httpx.Client) -> None:
     assert image is not None
     assert image.shape == (128, 128)
     assert client.post("/api/save/forces.csv", json={}).text.startswith("contact,true [N]")
-    assert len(client.post("/api/save/path.csv", json={}).text.splitlines()) == 82
+    assert len(client.post("/api/save/path.csv", json={}).text.splitlines()) == 42
     assert client.post("/api/save/other.exe", json={}).status_code == 404
 
 

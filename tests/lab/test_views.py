@@ -43,9 +43,9 @@ def test_arrows_are_the_forces_and_stand_on_the_spheres(wardrobe: Wardrobe) -> N
 def test_the_path_passes_through_the_view(wardrobe: Wardrobe) -> None:
     view = View(drive=(4.0, 2.4))
     path = path_of(wardrobe.wear(exosuit_of(view)))
-    assert path["u"][48] == 2.4
-    assert path["unloading"][48] == pytest.approx(float(see(view, wardrobe).pose.net_force), abs=1e-5)
-    assert path["loading"][48] == pytest.approx(
+    assert path["u"][24] == 2.4
+    assert path["unloading"][24] == pytest.approx(float(see(view, wardrobe).pose.net_force), abs=1e-5)
+    assert path["loading"][24] == pytest.approx(
         float(see(View(drive=(2.4,)), wardrobe).pose.net_force), abs=1e-5
     )
     assert path["loading"][-1] == path["unloading"][-1]
@@ -116,7 +116,7 @@ def test_the_command_writes_the_files_of_a_view(tmp_path: Path, wardrobe: Wardro
     assert [float(row[1]) for row in rows[1:]] == pytest.approx(
         [*seen.pose.forces.tolist(), float(seen.pose.net_force)], abs=1e-5
     )
-    assert len((tmp_path / "view" / "path.csv").read_text().splitlines()) == 82
+    assert len((tmp_path / "view" / "path.csv").read_text().splitlines()) == 42
 
 
 def test_the_command_refuses_what_the_page_refuses(capsys: pytest.CaptureFixture[str]) -> None:

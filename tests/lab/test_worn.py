@@ -57,6 +57,14 @@ def test_a_pose_does_not_depend_on_what_else_was_asked_for(worn: Worn) -> None:
     np.testing.assert_array_equal(fresh.at((33,)).q, worn.at((33,)).q)
 
 
+def test_between_two_loads_the_pose_lies_between_theirs(worn: Worn) -> None:
+    """And the way up to it is not needed for what comes after: poses at loads stay as they are."""
+    fresh = Worn(Exosuit(CONTROL_SHAPE))
+    before, at, after = (fresh.at((k,)).q for k in (20, 21, 22))
+    assert np.abs(at - (before + after) / 2).max() < 0.1 * np.abs(after - before).max()  # smooth up to here
+    np.testing.assert_array_equal(after, worn.at((22,)).q)
+
+
 def test_rising_and_falling_differ_and_meet_again(worn: Worn) -> None:
     up, down = ([worn.at((*way, k)).q for k in range(0, TOP + 1, 4)] for way in ((), (TOP,)))
     apart = [np.abs(a - b).max() for a, b in zip(up, down, strict=True)]

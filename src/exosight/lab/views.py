@@ -24,7 +24,7 @@ from exosight.exosuit.finger import CONTACTS
 from exosight.exosuit.shapes import radius
 from exosight.exosuit.variation import Variant
 from exosight.lab.settings import LARGEST, STEP, View, shape_of
-from exosight.lab.worn import TOP, Rest, Wardrobe, Worn
+from exosight.lab.worn import STRIDE, TOP, Rest, Wardrobe, Worn
 from exosight.mechanics import Robot, SphereContact, walk
 from exosight.vision.appearance import (
     BACKGROUND_KINDS,
@@ -265,14 +265,15 @@ PATH_DRIVES: tuple[tuple[int, ...], ...] = (
 
 
 def path_of(worn: Worn) -> dict[str, Any]:
-    """F_net [N] at every step of 0 → 4 → 0 N."""
-    ways = [[worn.at((k,)) for k in range(TOP + 1)], [worn.at((TOP, k)) for k in range(TOP + 1)]]
+    """F_net [N] at every load of 0 → 4 → 0 N."""
+    steps = range(0, TOP + 1, STRIDE)
+    ways = [[worn.at((k,)) for k in steps], [worn.at((TOP, k)) for k in steps]]
     up, down = (
         np.asarray(observe(worn.stacked, np.stack([rest.q for rest in way])[None]).net_force)[0]
         for way in ways
     )
     return {
-        "u": [round(STEP * k, 2) for k in range(TOP + 1)],
+        "u": [round(STEP * k, 2) for k in steps],
         "loading": np.round(up, 5).tolist(),
         "unloading": np.round(down, 5).tolist(),
         "stable": all(rest.converged for way in ways for rest in way),

@@ -2,8 +2,9 @@
 
 A pose follows from the way to it (hysteresis), so it is known by the exosuit and the actuations driven to
 from rest: (4, 2.4) is up to 4 N and down to 2.4 N. The way between two of them is a leg over every multiple
-of STEP, solved in pieces that always begin at the same places. So a pose does not depend on what else was
-asked for, and while u moves on a leg that is known, nothing is solved at all.
+of 0.1 N, the step of the datasets, solved in pieces that always begin at the same places; what lies between
+is solved from the multiple before it. So a pose does not depend on what else was asked for, and while u moves
+on a leg that is known, next to nothing is solved.
 """
 
 from collections import OrderedDict
@@ -20,6 +21,8 @@ from exosight.mechanics import Robot, SolverOptions, follow, stack
 
 TOP = round(LARGEST / STEP)
 """Largest actuation, in steps."""
+STRIDE = 2
+"""From one load of a leg to the next, in steps."""
 
 _PIECE = 10  # loads a solver call: 3 ms a call, 1 ms a load that nobody asked for
 _LEGS = 64  # legs that one exosuit remembers
@@ -46,10 +49,24 @@ class Rest:
 
 @dataclass
 class _Leg:
-    loads: list[int]
+    """The way from one turn to the end of the range.
+
+    rises    whether to the upper end
+    start    coordinates at the turn
+    loads    every multiple of STRIDE after it, in the order of the way [steps]
+    solved   coordinates at the loads so far, and whether they are at rest
+    between  the same at steps between two loads
+    """
+
+    rises: bool
     start: np.ndarray
-    q: list[np.ndarray] = field(default_factory=list)
-    converged: list[bool] = field(default_factory=list)
+    loads: list[int]
+    solved: list[tuple[np.ndarray, bool]] = field(default_factory=list)
+    between: dict[int, tuple[np.ndarray, bool]] = field(default_factory=dict)
+
+    def until(self, goal: int) -> int:
+        """How many of its loads come before a step on it, or are the step."""
+        return sum(load <= goal if self.rises else load >= goal for load in self.loads)
 
 
 class Worn:
@@ -77,46 +94,45 @@ class Worn:
             return Rest(short, q, converged)
 
     def _solve(self, drive: Steps) -> tuple[np.ndarray, bool]:
-        leg, place = self._leg(drive)
-        while len(leg.q) <= place:
-            piece = leg.loads[len(leg.q) : len(leg.q) + _PIECE]
-            before = leg.q[-1] if leg.q else leg.start
-            loads = STEP * np.array(piece, float)[:, None]
-            found = follow([self.robot], loads, q=before[None], options=_ENOUGH, snaps=False)
-            leg.q += list(np.asarray(found.q[0]))
-            leg.converged += found.converged[0].tolist()
-        return leg.q[place], leg.converged[place]
+        leg, goal = self._leg(drive), drive[-1]
+        needed = leg.until(goal)
+        while len(leg.solved) < needed:
+            piece = leg.loads[len(leg.solved) : len(leg.solved) + _PIECE]
+            leg.solved += self._follow(leg.solved[-1][0] if leg.solved else leg.start, piece)
+        if goal % STRIDE == 0:
+            return leg.solved[needed - 1]
+        if goal not in leg.between:
+            leg.between[goal] = self._follow(leg.solved[needed - 1][0] if needed else leg.start, [goal])[0]
+        return leg.between[goal]
 
-    def _leg(self, drive: Steps) -> tuple[_Leg, int]:
-        """The leg that a drive ends on, and its place there."""
-        key, place = _place(drive)
-        before, direction = key
+    def _follow(self, start: np.ndarray, loads: Sequence[int]) -> list[tuple[np.ndarray, bool]]:
+        u = STEP * np.array(loads, float)[:, None]
+        found = follow([self.robot], u, q=start[None], options=_ENOUGH, snaps=False)
+        return list(zip(np.asarray(found.q[0]), found.converged[0].tolist(), strict=True))
+
+    def _leg(self, drive: Steps) -> _Leg:
+        """The leg that a drive ends on."""
+        key = before, rises = _key(drive)
         leg = self._legs.get(key)
         if leg is None:
-            if before:
-                start, _ = self._solve(before)
-                first = before[-1] + direction
-            else:
-                start, first = np.zeros(self.robot.dofs), 0
-            leg = _Leg(list(range(first, TOP + 1) if direction > 0 else range(first, -1, -1)), start)
-            self._legs[key] = leg
+            start = self._solve(before)[0] if before else np.zeros(self.robot.dofs)
+            first = before[-1] if before else -1
+            way = range(first + 1, TOP + 1) if rises else range(first - 1, -1, -1)
+            leg = self._legs[key] = _Leg(rises, start, [k for k in way if k % STRIDE == 0])
             while len(self._legs) > _LEGS:
                 self._legs.popitem(last=False)
         self._legs.move_to_end(key)
-        return leg, place
+        return leg
 
     def _known(self, drive: Steps) -> np.ndarray | None:
-        key, place = _place(drive)
-        leg = self._legs.get(key)
-        return leg.q[place] if leg is not None and place < len(leg.q) else None
+        """The coordinates at the end of a drive, if there is little to solve for them."""
+        leg = self._legs.get(_key(drive))
+        return None if leg is None or len(leg.solved) < leg.until(drive[-1]) else self._solve(drive)[0]
 
 
-def _place(drive: Steps) -> tuple[tuple[Steps, int], int]:
-    """A leg by where it turned last and its direction, and the place of the drive's end on it."""
-    if len(drive) == 1:
-        return ((), 1), drive[0]
-    direction = 1 if drive[-1] > drive[-2] else -1
-    return (drive[:-1], direction), abs(drive[-1] - drive[-2]) - 1
+def _key(drive: Steps) -> tuple[Steps, bool]:
+    """What names the leg that a drive ends on: the way to where it begins, and whether it rises."""
+    return drive[:-1], len(drive) == 1 or drive[-1] > drive[-2]
 
 
 def turning_points(drive: Sequence[int]) -> Steps:

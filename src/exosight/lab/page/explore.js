@@ -92,7 +92,7 @@ export function explore(about, problem) {
     by("path-note").textContent = "Solving the way up and down …";
     try {
       path = await ask("/api/path", view, signal);
-      by("path-note").textContent = "161 equilibria, 0 → 4 → 0 N in steps of 0.05 N; where the two differ the exosuit has snapped. Thin: where you have been. Open circle: estimate."
+      by("path-note").textContent = `${2 * path.u.length - 1} equilibria, 0 → 4 → 0 N in steps of ${path.u[1]} N; where the two differ the exosuit has snapped. Thin: where you have been. Open circle: estimate.`
         + (path.stable ? "" : " At some actuations no stable pose was found.");
       drawPath();
     } catch (error) {
