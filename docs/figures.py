@@ -19,11 +19,11 @@ from exosight.evaluation.figures.style import (
     styled,
 )
 from exosight.evaluation.metrics import CONTACTS
-from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble, varied
+from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, Pose, assemble, varied
 from exosight.exosuit.shapes import radius
 from exosight.exosuit.simulation import simulate
 from exosight.exosuit.variation import Variant
-from exosight.mechanics import Motion, SphereContact, walk
+from exosight.mechanics import Motion, walk
 from exosight.vision import (
     TRAINING,
     AppearanceVariation,
@@ -57,7 +57,8 @@ def overview() -> Figure:
     figure = new_figure(height=4.4, width=8.0)
     top, bottom = figure.subfigures(2, 1, height_ratios=(2.6, 1.7))
     system, camera, forces = top.subplots(1, 3, width_ratios=(2.85, 2.0, 1.8))
-    _draw_system(system, exosuit, found.equilibria.q[SHOWN], picture(exosuit, one, NEAR)[0])
+    here = jax.tree.map(lambda leaf: np.asarray(leaf[SHOWN]), found.pose)
+    _draw_system(system, exosuit, found.equilibria.q[SHOWN], here, picture(exosuit, one, NEAR)[0])
     show_image(camera, seen[SHOWN])
     camera.set_title("2. What the camera sees")
     camera.set_xlabel("128 × 128 pixels, gray")
@@ -71,17 +72,19 @@ def overview() -> Figure:
 
 
 def _draw_system(
-    ax: Axes, exosuit: Exosuit, q: Float[np.ndarray, " dofs"], image: UInt8[np.ndarray, "height width"]
+    ax: Axes,
+    exosuit: Exosuit,
+    q: Float[np.ndarray, " dofs"],
+    pose: Pose,
+    image: UInt8[np.ndarray, "height width"],
 ) -> None:
     """The rendered bodies with contacts, contact forces and the line of actuation over them."""
-    robot = assemble(exosuit)
-    motion = walk(robot, q)
-    contact = next(term for term in robot.terms if isinstance(term, SphereContact))
-    push = np.asarray(contact.forces(robot, motion.position))
-    centres = np.asarray(motion.position)[np.array(contact.second.index(robot))]
+    motion = walk(assemble(exosuit), q)
     show_image(ax, image)
     ax.plot(*_pixels(_line(exosuit, motion)).T, color=VERMILION, linewidth=2)
-    for i, (centre, size, force) in enumerate(zip(centres, contact.second.radius, push, strict=True)):
+    for i, (centre, size, force) in enumerate(
+        zip(pose.spheres, exosuit.finger.sphere_radii(), pose.pushes, strict=True)
+    ):
         ax.plot(*_pixels(centre), "o", color=BLACK, markersize=2.5)
         amount = float(np.linalg.norm(force))
         if amount > 0:

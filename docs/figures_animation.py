@@ -20,7 +20,7 @@ from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.evaluation.figures.style import BLACK, ESTIMATED, GRAY, TRUE, new_figure, show_image, styled
 from exosight.evaluation.metrics import CONTACTS
 from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
-from exosight.mechanics import SphereContact, follow, stack, walk
+from exosight.mechanics import follow, stack
 from exosight.vision.camera import Camera, project
 from exosight.vision.scene import picture
 
@@ -37,8 +37,8 @@ COLOURS = 48  # of the palette: grays, two colours and their edges
 Forces = Float[np.ndarray, "frames 7"]
 
 
-def simulated() -> tuple[Exosuit, np.ndarray, Pose, Float[np.ndarray, "frames 8 3"], np.ndarray]:
-    """The exosuit, u, its poses on the way up and down, the forces on C0…C7 and the spheres' centres."""
+def simulated() -> tuple[Exosuit, np.ndarray, Pose]:
+    """The exosuit, u, and its poses on the way up and down."""
     exosuit = Exosuit(CONTROL_SHAPE)
     up = np.arange(0.0, TOP + STEP / 2, STEP)
     u = np.concatenate([up, up[-2::-1]])
@@ -47,14 +47,7 @@ def simulated() -> tuple[Exosuit, np.ndarray, Pose, Float[np.ndarray, "frames 8 
     if not found.converged.all():
         raise SystemExit("animation: a pose did not converge")
     pose = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack([robot]), found.q))
-    contact = next(term for term in robot.terms if isinstance(term, SphereContact))
-
-    def at(q: jax.Array) -> tuple[jax.Array, jax.Array]:
-        position = walk(robot, q).position
-        return contact.forces(robot, position), position[np.array(contact.second.index(robot))]
-
-    forces, centres = jax.jit(jax.vmap(at))(found.q[0])
-    return exosuit, u, pose, np.asarray(forces), np.asarray(centres)
+    return exosuit, u, pose
 
 
 @styled
@@ -113,7 +106,7 @@ def drawn(figure: Figure) -> Image.Image:
 
 def main() -> None:
     """Simulate, estimate, draw."""
-    exosuit, u, pose, push, centres = simulated()
+    exosuit, u, pose = simulated()
     seen, near = picture(exosuit, pose, Camera()), picture(exosuit, pose, NEAR)
     Image.fromarray(seen[int(np.argmin(np.abs(u - SEEN_AT)))]).save(SEEN, optimize=True)
     read: Reading = OnnxEstimator.load(DEFAULT_MODEL).read(seen)
@@ -123,7 +116,7 @@ def main() -> None:
     pictures = [
         drawn(
             frame(
-                float(u[i]), near[i], seen[i], push[i], centres[i], radii, true[i],
+                float(u[i]), near[i], seen[i], pose.pushes[i], pose.spheres[i], radii, true[i],
                 (read.forces[i], read.low[i], read.high[i]), largest,
             )
         )

@@ -1,53 +1,27 @@
 """docs/control.md and docs/stress.md show the numbers of docs/results, and conclude what these say."""
 
-import sys
-from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+import figures_control as control
+import figures_stress as stress
 import pytest
 
 DOCS = Path(__file__).parents[1] / "docs"
 TARGETS = ("0.25 N", "0.30 N", "0.35 N")
 
 
-@pytest.fixture(scope="module", autouse=True)
-def scripts() -> Iterator[None]:
-    """The pages' scripts import one another."""
-    sys.path.insert(0, str(DOCS))
-    yield
-    sys.path.remove(str(DOCS))
-
-
 @pytest.fixture(scope="module")
-def control(scripts: None) -> ModuleType:
-    return import_module("figures_control")
-
-
-@pytest.fixture(scope="module")
-def stress(scripts: None) -> ModuleType:
-    return import_module("figures_stress")
-
-
-@pytest.fixture(scope="module")
-def runs(control: ModuleType) -> dict[str, Any]:
+def runs() -> dict[str, Any]:
     return control.load()
 
 
 @pytest.fixture(scope="module")
-def episodes(stress: ModuleType) -> dict[str, Any]:
+def episodes() -> dict[str, Any]:
     return stress.load()
 
 
-def test_the_pages_show_the_numbers_on_file(control, stress, runs, episodes):
-    for script, found in ((control, runs), (stress, episodes)):
-        page = script.PAGE.read_text()
-        assert script.into_page(page, script.tables(found)) == page
-
-
-def test_their_pictures_can_be_drawn_and_are_there(control, stress, runs, episodes):
+def test_their_pictures_can_be_drawn_and_are_there(runs, episodes):
     assert len(control.constant(runs["constant"]).axes) == 8
     assert len(control.steps(runs["step"]).axes) == 8
     assert len(stress.picture(episodes).axes) == 4
@@ -56,7 +30,7 @@ def test_their_pictures_can_be_drawn_and_are_there(control, stress, runs, episod
 
 
 @pytest.mark.parametrize("sensor", ["OURS", "OURS_IMAGE", "OURS_OWN"])
-def test_the_guarded_controller_settles_in_six_steps_within_two_percent(control, runs, sensor):
+def test_the_guarded_controller_settles_in_six_steps_within_two_percent(runs, sensor):
     for name in TARGETS:
         trace = runs["constant"][getattr(control, sensor)][name]
         assert trace["settling_steps"] <= 6
@@ -68,7 +42,7 @@ def test_the_guarded_controller_settles_in_six_steps_within_two_percent(control,
     assert jump["before"] < 0.30 < 1.19 * 0.30 < jump["after"]
 
 
-def test_the_papers_law_settles_as_fast_as_the_papers_once_the_network_is_calibrated(control, runs):
+def test_the_papers_law_settles_as_fast_as_the_papers_once_the_network_is_calibrated(runs):
     for name, steps in control.PAPER.items():
         trace = runs["constant"][control.LAW_OWN][name]
         assert trace["settling_steps"] <= steps
@@ -76,7 +50,7 @@ def test_the_papers_law_settles_as_fast_as_the_papers_once_the_network_is_calibr
     assert runs["constant"][control.LAW_IMAGE]["0.30 N"]["settling_steps"] is None
 
 
-def test_a_dropped_target_is_let_go_within_a_second_and_a_gain_of_100_leaves_the_range(control, runs):
+def test_a_dropped_target_is_let_go_within_a_second_and_a_gain_of_100_leaves_the_range(runs):
     for name in (control.OURS, control.OURS_IMAGE, control.OURS_OWN):
         assert runs["step"][name][""]["seconds_to_5_mN"] <= 1.0
     wild = runs["step"][control.LAW]["100"]

@@ -130,6 +130,8 @@ def test_first_cause_wins() -> None:
     pose = Pose(
         forces=np.zeros((1, 4, 8)),
         net_force=np.zeros((1, 4)),
+        pushes=np.zeros((1, 4, 8, 3)),
+        spheres=np.zeros((1, 4, 8, 3)),
         joint_angles=np.zeros((1, 4, 3)),
         centreline=line,
         finger=finger,

@@ -33,7 +33,7 @@ def test_a_view_is_what_the_package_says_of_the_same_exosuit(wardrobe: Wardrobe)
 
 def test_arrows_are_the_forces_and_stand_on_the_spheres(wardrobe: Wardrobe) -> None:
     seen = see(View(drive=(3.0,)), wardrobe)
-    at, force = seen.contacts[:, 0], seen.contacts[:, 1]
+    at, force = seen.pose.spheres, seen.pose.pushes
     np.testing.assert_allclose(np.linalg.norm(force, axis=1), seen.pose.forces, atol=1e-12)
     np.testing.assert_allclose(at[::2], seen.pose.finger[:4], atol=1e-9)  # C0, C2, C4, C6: joints
     assert seen.pose.forces.max() > 0.05

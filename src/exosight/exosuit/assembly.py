@@ -172,6 +172,8 @@ class Pose(eqx.Module):
 
     forces        (*batch, 8)           magnitude of the summed contact force on C0…C7 [N]
     net_force     (*batch,)             F_net: the sum over C1…C7 [N]
+    pushes        (*batch, 8, 3)        the summed contact force on C0…C7 itself [N]
+    spheres       (*batch, 8, 3)        centres of the finger's spheres C0…C7 [m]
     joint_angles  (*batch, hinges)      flexion [rad]
     centreline    (*batch, points, 3)   the exosuit's axis [m]
     finger        (*batch, links + 1, 3)  joints and tip [m]
@@ -181,6 +183,8 @@ class Pose(eqx.Module):
 
     forces: Float[AnyArray, "*batch spheres"]
     net_force: Float[AnyArray, "*batch"]
+    pushes: Float[AnyArray, "*batch spheres 3"]
+    spheres: Float[AnyArray, "*batch spheres 3"]
     joint_angles: Float[AnyArray, "*batch hinges"]
     centreline: Float[AnyArray, "*batch points 3"]
     finger: Float[AnyArray, "*batch nodes 3"]
@@ -209,6 +213,8 @@ def _observe(robot: Robot, q: Float[Array, " dofs"]) -> Pose:
     return Pose(
         forces=forces,
         net_force=forces[1:].sum(),
+        pushes=force,
+        spheres=motion.position[np.array(contact.second.index(robot))],
         joint_angles=joints,
         centreline=motion.position[robot.frame_slice(ROD)],
         finger=jnp.concatenate([bases, motion[links[-1].name].end[:3, 3][None]]),

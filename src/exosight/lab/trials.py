@@ -30,7 +30,6 @@ from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
 from exosight.lab.settings import Disturbance, Run
 from exosight.lab.views import (
     CAMERA,
-    contacts_of,
     exosuit_of,
     network,
     photograph,
@@ -133,7 +132,7 @@ class _Eye:
                 "reading": None if sight.reading is None else reading_of(sight.reading),
                 "image": None if sight.image is None else base64.b64encode(png_of(sight.image)).decode(),
                 "guard": self._guard(),
-                "scene": scene_of(self._exosuit, pose, contacts_of(self._robot, observation.q)),
+                "scene": scene_of(self._exosuit, pose),
                 "converged": observation.converged,
             }
         )

@@ -7,11 +7,10 @@ from functools import cache
 from typing import Any
 
 import cv2
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Float, UInt8
 
 from exosight.control import Guarded, OnnxEstimator, Scheduled, Sight
 from exosight.control.estimator import DEFAULT_MODEL, Reading
@@ -25,7 +24,6 @@ from exosight.exosuit.shapes import radius
 from exosight.exosuit.variation import Variant
 from exosight.lab.settings import LARGEST, STEP, View, shape_of
 from exosight.lab.worn import STRIDE, TOP, Rest, Wardrobe, Worn
-from exosight.mechanics import Robot, SphereContact, walk
 from exosight.vision.appearance import (
     BACKGROUND_KINDS,
     OCCLUSION_KINDS,
@@ -71,7 +69,6 @@ class Seen:
 
     rest        the equilibrium, and a shortest way to it
     pose        of it, without batch dimensions
-    contacts    (8, 2, 3)         where each of C0…C7 is [m], and the force on it [N]
     image       (height, width)   gray 0…255
     reading     what the network reads off the image, one row
     state       what the guard's state would be after seeing the image twice, and why
@@ -79,7 +76,6 @@ class Seen:
 
     rest: Rest
     pose: Pose
-    contacts: Float[np.ndarray, "8 2 3"]
     image: UInt8[np.ndarray, "height width"]
     reading: Reading
     state: tuple[str, str]
@@ -109,7 +105,7 @@ def see(view: View, wardrobe: Wardrobe) -> Seen:
     image = photograph(view, clean)
     reading = network().read(image)
     one: Pose = jax.tree.map(lambda leaf: leaf[0], pose)
-    return Seen(rest, one, contacts_of(worn.stacked, rest.q), image[0], reading, judge(image[0], reading))
+    return Seen(rest, one, image[0], reading, judge(image[0], reading))
 
 
 def drive_of(view: View) -> tuple[int, ...]:
@@ -175,22 +171,6 @@ _AT_REST = ControllerConfig(
 )
 
 
-@eqx.filter_jit
-def _contacts(robots: Robot, q: Float[Array, "1 dofs"]) -> Float[Array, "1 8 2 3"]:
-    def one(robot: Robot, q: Float[Array, " dofs"]) -> Float[Array, "8 2 3"]:
-        position = walk(robot, q).position
-        contact = next(term for term in robot.terms if isinstance(term, SphereContact))
-        at = position[jnp.array(contact.second.index(robot))]
-        return jnp.stack([at, contact.forces(robot, position)], axis=1)
-
-    return jax.vmap(one)(robots, q)
-
-
-def contacts_of(robots: Robot, q: Float[np.ndarray, " dofs"]) -> Float[np.ndarray, "8 2 3"]:
-    """Where the finger's spheres are [m], and the force on each [N], of a stacked robot."""
-    return np.asarray(_contacts(robots, jnp.asarray(q)[None])[0])
-
-
 def answer(view: View, worn: Exosuit, seen: Seen) -> dict[str, Any]:
     """A view as JSON values: millimetres and newtons."""
     notes = [_WORDS[cause] for cause in _causes(seen)]
@@ -198,7 +178,7 @@ def answer(view: View, worn: Exosuit, seen: Seen) -> dict[str, Any]:
         "drive": [round(STEP * k, 2) for k in seen.rest.drive],
         "converged": seen.rest.converged,
         "notes": notes,
-        "scene": scene_of(worn, seen.pose, seen.contacts),
+        "scene": scene_of(worn, seen.pose),
         "image": base64.b64encode(png_of(seen.image)).decode(),
         "true": [round(float(force), 5) for force in seen.pose.forces],
         "F_net": round(float(seen.pose.net_force), 5),
@@ -213,7 +193,7 @@ def _causes(seen: Seen) -> list[str]:
     return [] if cause == len(CAUSES) else [CAUSES[cause]]
 
 
-def scene_of(worn: Exosuit, pose: Pose, contacts: Float[np.ndarray, "8 2 3"]) -> dict[str, Any]:
+def scene_of(worn: Exosuit, pose: Pose) -> dict[str, Any]:
     """What is drawn of a pose: axes and radii of both bodies, and the forces; [mm] and [N], x and z."""
     return {
         "exosuit": _millimetres(pose.centreline[:, ::2]),
@@ -227,7 +207,9 @@ def scene_of(worn: Exosuit, pose: Pose, contacts: Float[np.ndarray, "8 2 3"]) ->
                 "radius": _millimetres(size),
                 "force": [round(float(f), 5) for f in force[::2]],
             }
-            for name, size, (at, force) in zip(CONTACTS, worn.finger.sphere_radii(), contacts, strict=True)
+            for name, size, at, force in zip(
+                CONTACTS, worn.finger.sphere_radii(), pose.spheres, pose.pushes, strict=True
+            )
         ],
     }
 
