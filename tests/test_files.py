@@ -1,6 +1,8 @@
 """A file is written whole or not at all, and never over another."""
 
+import csv
 import errno
+import io
 import os
 import resource
 import signal
@@ -11,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from exosight.errors import DataError
-from exosight.files import write_new_file
+from exosight.files import as_csv, write_new_file
 
 
 def test_the_content_is_there_and_nothing_else(tmp_path: Path) -> None:
@@ -68,3 +70,14 @@ def test_a_killed_process_leaves_no_visible_file(tmp_path: Path) -> None:
     assert (tmp_path / "first").read_bytes() == b"kept"
     visible = [path.name for path in tmp_path.iterdir() if not path.name.startswith(".")]
     assert visible == ["first"]
+
+
+def test_csv_keeps_what_it_is_given_and_leaves_out_what_is_no_number() -> None:
+    text = as_csv(["name", "force [N]"], [["a, b", 1 / 3], ["c", float("nan")], ["d", None], ["e", 2]])
+    assert list(csv.reader(io.StringIO(text))) == [
+        ["name", "force [N]"],
+        ["a, b", "0.333333"],
+        ["c", ""],
+        ["d", ""],
+        ["e", "2"],
+    ]

@@ -1,9 +1,13 @@
 """Writing a file so that it is there whole or not at all, whatever happens meanwhile."""
 
+import csv
+import io
+import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 from exosight.errors import DataError
@@ -63,3 +67,18 @@ def replace_file(path: Path, content: bytes) -> None:
         raise DataError(f"{path} could not be written: {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def as_csv(heads: Iterable[str], rows: Iterable[Iterable[Any]], digits: int = 6) -> str:
+    """Rows under their headings as CSV; floats to so many significant digits, NaN and None as nothing."""
+
+    def cell(value: Any) -> Any:
+        if not isinstance(value, float):
+            return value
+        return "" if math.isnan(value) else f"{value:.{digits}g}"
+
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow(heads)
+    writer.writerows([cell(value) for value in row] for row in rows)
+    return buffer.getvalue()

@@ -36,7 +36,7 @@ from exosight.evaluation import (
     unlikeness_table,
 )
 from exosight.evaluation.robustness import CLEAN
-from exosight.files import write_new_file
+from exosight.files import as_csv, write_new_file
 from exosight.learning.intervals import LEVELS
 from exosight.vision.corruptions import CORRUPTIONS, corrupt
 
@@ -214,5 +214,4 @@ def _counted(read: Read, total: int) -> Iterator[Read]:
 
 def _to_csv(true: Float32[np.ndarray, "frames 7"], estimated: Float32[np.ndarray, "frames 7"]) -> str:
     heads = [f"C{i} {kind} [N]" for kind in ("true", "estimated") for i in range(1, 8)]
-    rows = np.hstack([true, estimated]).tolist()
-    return "\n".join([",".join(heads), *(",".join(f"{x:.6g}" for x in row) for row in rows), ""])
+    return as_csv(heads, np.hstack([true, estimated]).tolist())

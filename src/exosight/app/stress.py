@@ -1,8 +1,5 @@
 """The controllers under stress: run side by side, summed up, and written to a folder."""
 
-import csv
-import io
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -25,7 +22,7 @@ from exosight.control.tuning import CONTACT_LIMIT, tune
 from exosight.evaluation import Column, Table, figures
 from exosight.evaluation.figures.stress import Spread
 from exosight.exosuit.assembly import Exosuit
-from exosight.files import write_new_file
+from exosight.files import as_csv, write_new_file
 from exosight.vision.camera import Camera
 
 GUARDED = "guarded"
@@ -159,16 +156,5 @@ def _of(quantiles: Mapping[str, float] | None, name: str) -> float | None:
 
 def _rows(measured: Sequence[Measured]) -> str:
     """Every episode as CSV; empty where something does not apply."""
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["episode", *asdict(measured[0])])
-    for number, one in enumerate(measured):
-        cells = asdict(one).values()
-        writer.writerow(
-            [number, *("" if isinstance(c, float) and math.isnan(c) else _short(c) for c in cells)]
-        )
-    return buffer.getvalue()
-
-
-def _short(cell: Any) -> Any:
-    return f"{cell:.6g}" if isinstance(cell, float) else cell
+    rows = ([number, *asdict(one).values()] for number, one in enumerate(measured))
+    return as_csv(["episode", *asdict(measured[0])], rows)

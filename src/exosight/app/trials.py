@@ -1,7 +1,5 @@
 """The closed loop on a simulated exosuit: the paper's six trials run, and written to a folder."""
 
-import csv
-import io
 import math
 from dataclasses import asdict
 from pathlib import Path
@@ -16,7 +14,7 @@ from exosight.evaluation import Column, Table, figures
 from exosight.evaluation.tables import Cell
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.shapes import shape_to_dict
-from exosight.files import write_new_file
+from exosight.files import as_csv, write_new_file
 from exosight.vision.camera import Camera
 
 TRIALS = 6
@@ -117,10 +115,7 @@ def _name_of(trial: Trial) -> str:
 def _time_series(trial: Trial) -> str:
     """A trial as CSV, a row a step."""
     record = trial.record
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(["time [s]", "target [N]", "F_net true [N]", "F_net measured [N]", "u [N]", "converged"])
+    heads = ("time [s]", "target [N]", "F_net true [N]", "F_net measured [N]", "u [N]", "converged")
     columns = (record.time, record.target, record.F_net_true, record.F_net_estimated, record.u)
-    for row in zip(*columns, record.converged, strict=True):
-        writer.writerow([*(f"{value:.9g}" for value in row[:-1]), int(row[-1])])
-    return buffer.getvalue()
+    rows = zip(*(column.tolist() for column in columns), record.converged.astype(int), strict=True)
+    return as_csv(heads, rows, digits=9)

@@ -1,7 +1,5 @@
 """A view as files, and the command that makes it again."""
 
-import csv
-import io
 import shlex
 from collections.abc import Sequence
 from dataclasses import fields
@@ -11,7 +9,7 @@ from typing import Any
 import pydantic
 
 from exosight.exosuit.finger import CONTACTS
-from exosight.files import write_new_file
+from exosight.files import as_csv, write_new_file
 from exosight.lab.settings import View
 from exosight.lab.views import Seen, exosuit_of, path_of, png_of, see
 from exosight.lab.worn import Wardrobe
@@ -44,22 +42,13 @@ def forces_csv(seen: Seen) -> str:
         )
         rows.append((name, float(seen.pose.forces[i + 1]), *estimated))
     rows.append(("F_net", float(seen.pose.net_force), float(reading.forces.sum()), "", "", ""))
-    return _csv(header, rows)
+    return as_csv(header, rows)
 
 
 def path_csv(path: dict[str, Any]) -> str:
     """F_net while u rises and while it falls, a row an actuation."""
     header = ("u [N]", "F_net loading [N]", "F_net unloading [N]")
-    return _csv(header, list(zip(path["u"], path["loading"], path["unloading"], strict=True)))
-
-
-def _csv(header: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow(header)
-    for row in rows:
-        writer.writerow([f"{cell:.6g}" if isinstance(cell, float) else cell for cell in row])
-    return buffer.getvalue()
+    return as_csv(header, list(zip(path["u"], path["loading"], path["unloading"], strict=True)))
 
 
 def write_view(view: View, folder: Path) -> None:
