@@ -12,6 +12,7 @@ with its share of the batch: a step is that of the whole batch, however many pro
 
 import hashlib
 import os
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from datetime import timedelta
@@ -48,7 +49,7 @@ def join(wanted: Literal["auto", "cpu", "cuda"]) -> Iterator[Team]:
 
     Raises InputError if they cannot meet, or if this process finds no GPU left for it.
     """
-    if int(os.environ.get("WORLD_SIZE", "1")) == 1:
+    if int(os.environ.get("WORLD_SIZE") or "1") == 1:
         yield ALONE
         return
     device = choose_device(wanted)
@@ -76,6 +77,7 @@ def join(wanted: Literal["auto", "cpu", "cuda"]) -> Iterator[Team]:
             if dist.group.WORLD is not None:
                 dist.group.WORLD.abort()
             if isinstance(error, Exception) and not speaks:
+                time.sleep(1.0)  # torchrun stops the others once one has left: first let the other speak
                 raise SystemExit(2) from None
             raise
         finally:
