@@ -62,3 +62,12 @@ def test_shares_ranges_and_noise_are_as_stated():
     weak = noisy & (low > 0.3) & (high < 0.8) & (found[:, :16].std((1, 2)) < 0.05)
     assert weak.any()
     assert NOISE_MEAN == 0.01
+
+
+def test_parts_of_a_step_have_draws_of_their_own_which_are_always_the_same() -> None:
+    images = np.full((4, 40, 40), 128, np.uint8)
+    first, second = augment(images, 3, 1, 2), augment(images, 3, 1, 2, 1)
+    assert (first == augment(images, 3, 1, 2, 0)).all()
+    assert (second == augment(images, 3, 1, 2, 1)).all()
+    assert (first != second).any()
+    assert (second != augment(images, 3, 1, 2, 2)).any()

@@ -20,6 +20,7 @@ from exosight.learning.config import TrainConfig
 from exosight.learning.fresh import Block, Blocks
 from exosight.learning.history import EpochRecord
 from exosight.learning.model_file import ModelCard
+from exosight.learning.team import ALONE, Team
 from exosight.vision.camera import Camera
 
 HINGES = 3
@@ -100,11 +101,13 @@ def fit(
     fresh: int = 0,
     resume: bool,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    team: Team = ALONE,
 ) -> tuple[EpochRecord, ...]:
     """Train a network, export it to `folder/model.onnx`, and return its loss curves.
 
     more   datasets to learn from as well, without what `split` keeps for judging, see `widened`
     fresh  shapes of each scenario simulated anew for each epoch, see `exosight.dataset.stream`
+    team   the processes that train together, see `exosight.learning.parallel`; the first exports
     """
     from exosight.learning import export_onnx, train
 
@@ -121,8 +124,9 @@ def fit(
         fresh=_fresh(data, fresh) if fresh else None,
         resume=resume,
         progress=lambda at: progress(at.step, at.steps),
+        team=team,
     )
-    if not (folder / MODEL).exists():
+    if team.first and not (folder / MODEL).exists():
         kept = split.validation
         export_onnx(folder, folder / MODEL, data.frames.images[kept], data.frames.forces[kept])
     return result.history

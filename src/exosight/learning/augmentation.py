@@ -19,10 +19,11 @@ takes a quarter to all of what is left above. The paper tests with two such rang
 
 
 def augment(
-    images: UInt8[np.ndarray, "batch height width"], seed: int, epoch: int, step: int
+    images: UInt8[np.ndarray, "batch height width"], seed: int, epoch: int, step: int, part: int = 0
 ) -> Float32[np.ndarray, "batch height width"]:
-    """Training images as the network gets them, in [0, 1]."""
-    rng = np.random.default_rng(np.random.SeedSequence([seed, epoch], spawn_key=(step,)))
+    """Training images as the network gets them, in [0, 1]; each part of a step has draws of its own."""
+    key = (step, part) if part else (step,)
+    rng = np.random.default_rng(np.random.SeedSequence([seed, epoch], spawn_key=key))
     count = len(images)
     found = moved(images, rng).astype(np.float32)
     found *= np.float32(1 / 255)

@@ -23,6 +23,7 @@ from exosight.learning.fresh import Block, Blocks, Shown, shown
 from exosight.learning.history import EpochRecord
 from exosight.learning.losses import force_loss, training_loss
 from exosight.learning.networks import ForceModel, answers
+from exosight.learning.parallel import add_up, choose_device, share, share_block
 from exosight.learning.recipes import RECIPES
 from exosight.learning.run import Run, open_run
 from exosight.learning.samples import (
@@ -33,6 +34,8 @@ from exosight.learning.samples import (
     fingerprint,
     scale_of,
 )
+from exosight.learning.team import ALONE, Team
+from exosight.machine import cores
 
 CHECKPOINT_SECONDS = 30.0
 """Within a long epoch, the most work a killed run loses [s]; every epoch ends in a checkpoint anyway."""
@@ -81,6 +84,7 @@ def train(
     fresh: Blocks | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
+    team: Team = ALONE,
 ) -> TrainResult:
     """Train a network; with `resume`, go on exactly (on a CPU to the last bit) where a run was stopped.
 
@@ -92,6 +96,7 @@ def train(
     data_identity     what the frames are (camera, seed, versions …): kept with the network for its whole life
     auxiliary         what else a light network learns to tell, as it helps to tell forces: joint angles, …
     fresh             frames learned from in one epoch only, in place of as many of the others
+    team              the processes that train together, each calling this alike; the first writes
 
     Raises InputError for frames that cannot be learned from, a folder that already holds a run, a run to be
     resumed that is another one, and a loss that is no longer finite; DataError for a damaged checkpoint.
@@ -100,8 +105,10 @@ def train(
         auxiliary = np.empty((len(images), 0), np.float32)
     samples = Samples(images, forces, train_index, validation_index, auxiliary)
     check_samples(samples)
-    device = _device(config.device)
-    settings = resolve(config, device, _precision(device))
+    device = choose_device(config.device)
+    threads = config.threads or max(1, cores() // team.neighbours)
+    settings = resolve(replace(config, threads=threads), device, _precision(device))
+    _check_slices(len(train_index), settings.batch, team)
     if settings.network == "paper":
         samples = replace(samples, auxiliary=auxiliary[:, :0])
     scales = RECIPES[settings.recipe].scales_forces
@@ -114,9 +121,9 @@ def train(
         auxiliary_scale=tuple(scale_of(samples.auxiliary[train_index]).tolist()),
     )
     with _compute(settings):
-        run = open_run(identity, folder, resume)
+        run = open_run(identity, folder, resume, team)
         if not run.position.complete:
-            _run(run, samples, fresh, progress)
+            _run(run, samples, fresh, progress if team.first else None)
     return TrainResult(folder, run.history, run.history[run.position.best_epoch - 1])
 
 
@@ -127,12 +134,14 @@ def _run(
     progress: Callable[[Progress], None] | None,
 ) -> None:
     """Take a run to its end, its curves into TensorBoard's files as well."""
+    team = run.team
     with (
-        contextlib.closing(fresh(run.position.epoch) if fresh else _no_blocks()) as blocks,
+        contextlib.closing(fresh(run.position.epoch) if fresh and team.first else _no_blocks()) as blocks,
         _board(run) as board,
     ):
         while not run.position.complete:
-            _run_epoch(run, samples, next(blocks), progress)
+            block = next(blocks)
+            _run_epoch(run, samples, share_block(team, block) if fresh else block, progress)
             latest = run.history[-1]
             for name, value in latest.curves().items():
                 board.add_scalar(name, value, latest.step)
@@ -141,7 +150,12 @@ def _run(
 def _board(run: Run) -> SummaryWriter:
     """A file of its own, also for a run that goes on within the second in which it was stopped."""
     step = run.position.step
-    return SummaryWriter(str(run.folder / BOARD_NAME), purge_step=step + 1, filename_suffix=f".{step}")
+    return SummaryWriter(
+        str(run.folder / BOARD_NAME),
+        purge_step=step + 1,
+        filename_suffix=f".{step}",
+        write_to_disk=run.team.first,
+    )
 
 
 def _no_blocks() -> Generator[None, None, None]:
@@ -194,10 +208,12 @@ def _run_steps(run: Run, frames: Shown, started: float, progress: Callable[[Prog
     saved = time.perf_counter()
     for chosen in batches[run.position.batch :]:
         rate = run.recipe.rate(settings.learning_rate, run.position.step, steps, run.history)
-        images: np.ndarray = frames.images[chosen]
+        mine = run.team.part(chosen)
+        images: np.ndarray = frames.images[mine]
         if run.recipe.augments:
-            images = augment(images, settings.seed, epoch, run.position.batch)
-        loss = _step(run, images, frames.forces[chosen], frames.auxiliary[chosen], rate)
+            images = augment(images, settings.seed, epoch, run.position.batch, run.team.rank)
+        part = len(mine) / len(chosen)
+        loss = _step(run, images, frames.forces[mine], frames.auxiliary[mine], rate, part)
         _require_finite(loss, "loss", epoch, settings)
         now = time.perf_counter()
         run.position = replace(
@@ -221,8 +237,9 @@ def _step(
     forces: Float32[np.ndarray, "batch 7"],
     auxiliary: Float32[np.ndarray, "batch auxiliary"],
     rate: float,
+    part: float,
 ) -> float:
-    """Take one step on the recipe's loss; returns the loss before it."""
+    """Take one step on the recipe's loss, of which these images are a part; returns the loss before it."""
     settings = run.identity.settings
     for group in run.optimizer.param_groups:
         group["lr"] = rate
@@ -231,13 +248,15 @@ def _step(
     low = settings.precision == "bfloat16"
     with torch.autocast(settings.device, torch.bfloat16, enabled=low):
         output = run.network(_tensor(images, settings.device))
-    loss = training_loss(
+    loss = part * training_loss(
         answers(output.float()),
         torch.from_numpy(forces).to(settings.device) / run.scale,
         torch.from_numpy(auxiliary).to(settings.device) / run.auxiliary_scale,
         run.recipe.loss_corner,
     )
     loss.backward()
+    gradients = (weight.grad for weight in run.network.parameters() if weight.grad is not None)
+    add_up(run.team, [loss, *gradients])
     run.optimizer.step()
     # The average forgets fast at first, when there is little worth remembering.
     steps = run.position.step
@@ -254,17 +273,20 @@ def _step(
 
 def _validate(run: Run, samples: Samples) -> tuple[float, float]:
     """The recipe's loss and the mean absolute error [N] of the forces as they would be answered in use."""
+    # On CPUs the statistics of batch normalisation differ between the processes.
+    share(run.team, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
     model = ForceModel(run.averaged(), run.scale).eval()
     settings, index = run.identity.settings, samples.validation_index
     totals = torch.zeros(2, dtype=torch.float64)
     with torch.inference_mode():
-        for start in range(0, len(index), _VALIDATION_BATCH):
+        for start in range(0, len(index), _VALIDATION_BATCH)[run.team.rank :: run.team.size]:
             chosen = index[start : start + _VALIDATION_BATCH]
             truth = torch.from_numpy(samples.forces[chosen]).to(settings.device)
             forces, _, _ = model(_tensor(samples.images[chosen], settings.device))
             loss = force_loss(forces / run.scale, truth / run.scale, run.recipe.loss_corner)
             l1 = nn.functional.l1_loss(forces, truth)
             totals += torch.tensor([loss.item(), l1.item()], dtype=torch.float64) * len(chosen)
+    add_up(run.team, [totals])
     loss, l1 = (totals / len(index)).tolist()
     return loss, l1
 
@@ -277,6 +299,16 @@ def _tensor(
     if images.dtype == np.uint8:
         tensor = tensor.float().div_(255.0)
     return tensor.unsqueeze(1)
+
+
+def _check_slices(frames: int, batch: int, team: Team) -> None:
+    """Raise InputError if a slice may be of a single image, which would upset batch normalisation."""
+    smallest = frames // -(-frames // batch)
+    if smallest < 2 * team.size:
+        raise InputError(
+            f"batch: expected at least two images for each of {team.size} processes, got steps of "
+            f"{smallest}; choose a larger batch or fewer processes"
+        )
 
 
 def _require_finite(loss: float, name: str, epoch: int, settings: Settings) -> None:
@@ -295,14 +327,6 @@ def _plain(identity: Mapping[str, str | int | float]) -> dict[str, str | int | f
         ):
             raise InputError(f"data_identity: expected text or a finite number for {name}, got {value!r}")
     return json.loads(json.dumps(dict(identity)))
-
-
-def _device(wanted: Literal["auto", "cpu", "cuda"]) -> Literal["cpu", "cuda"]:
-    if wanted == "auto":
-        return "cuda" if torch.cuda.is_available() else "cpu"
-    if wanted == "cuda" and not torch.cuda.is_available():
-        raise InputError("device: cuda was asked for, but PyTorch finds no GPU; use auto or cpu")
-    return wanted
 
 
 def _precision(device: Literal["cpu", "cuda"]) -> Precision:

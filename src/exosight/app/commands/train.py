@@ -28,6 +28,7 @@ def train(
 
     A stopped run goes on exactly where it was with --resume. The folder gets the checkpoint, the loss curves
     (history.csv) and the network (model.onnx), each with configuration, seed and identity of the data.
+    Started by torchrun, several processes, each with a GPU of its own, train one network.
 
     Example:
       exosight train --data results/data --out results/light
@@ -55,11 +56,26 @@ def train(
     from exosight.dataset import make_split
 
     check_training()
-    loaded = load(data)
-    further = [load(folder) for folder in more]
-    split = make_split(loaded.frames, protocol, split_seed, held_out)
-    with progress("training", "steps") as update:
-        history = fit(loaded, split, config, out, more=further, fresh=fresh, resume=resume, progress=update)
+    from exosight.learning.parallel import join
+
+    with join(config.device) as team:
+        loaded = load(data)
+        further = [load(folder) for folder in more]
+        split = make_split(loaded.frames, protocol, split_seed, held_out)
+        with progress("training", "steps") as update:
+            history = fit(
+                loaded,
+                split,
+                config,
+                out,
+                more=further,
+                fresh=fresh,
+                resume=resume,
+                progress=update,
+                team=team,
+            )
+    if not team.first:
+        return
     parts = (len(split.train), len(split.validation), len(split.test))
     say("{} of its frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
     best = min((r for r in history if r.validation_l1 is not None), key=lambda r: r.validation_l1 or 0.0)

@@ -1,0 +1,171 @@
+"""A program for `test_parallel.py`: runs of two processes, forked from one with PyTorch loaded.
+
+    python two_processes.py FOLDER
+
+FOLDER holds `samples.npz`. Each function below is a run; what each of its processes says on stderr goes to
+`NAME.RANK.txt`, its exit code comes on stdout as one line `NAME RANK CODE`.
+"""
+
+import os
+import signal
+import sys
+import traceback
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch._dynamo  # as the first optimiser in a process does, which takes a second
+from torch import nn
+from torch.distributed import TCPStore
+
+from exosight.errors import ExosightError, InputError
+from exosight.learning import TrainConfig, train, training
+from exosight.learning.checkpoint import RunIdentity
+from exosight.learning.fresh import Block
+from exosight.learning.parallel import join
+from exosight.learning.samples import Samples
+from exosight.learning.team import Team
+
+Work = Callable[[Team, Samples, Path], None]
+
+MODERN = TrainConfig(epochs=3, batch=16, threads=1, seed=5, precision="float32")
+CLEAN = replace(MODERN, recipe="clean", batch=13)
+
+
+def plain_network(identity: RunIdentity):
+    """One hidden layer, without batch normalisation, from the run's seed."""
+    with torch.random.fork_rng():
+        torch.manual_seed(identity.settings.seed)
+        outputs = 21 + len(identity.auxiliary_scale)
+        return nn.Sequential(nn.Flatten(), nn.Linear(1600, 32), nn.ReLU(), nn.Linear(32, outputs))
+
+
+def blocks(samples: Samples):
+    """Ten fresh frames for each epoch: those of validation, mirrored and shifted."""
+
+    def produce(first: int) -> Iterator[Block]:
+        kept = samples.validation_index[:10]
+        while True:
+            first += 1
+            images = np.roll(samples.images[kept, ::-1], first, axis=2).copy()
+            yield Block(images, samples.forces[kept], samples.auxiliary[kept])
+
+    return produce
+
+
+def whole(team: Team, samples: Samples, folder: Path) -> None:
+    run(team, samples, folder / "whole", MODERN)
+
+
+def killed(team: Team, samples: Samples, folder: Path) -> None:
+    def kill(progress) -> None:
+        if progress.step == 7:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    run(team, samples, folder / "killed", MODERN, progress=kill)
+
+
+def resumed(team: Team, samples: Samples, folder: Path) -> None:
+    run(team, samples, folder / "killed", MODERN, resume=True)
+
+
+def plain(team: Team, samples: Samples, folder: Path) -> None:
+    RunIdentity.build_network = plain_network
+    fresh = blocks(samples) if team.first else unwanted
+    name = f"plain{team.size}" if team.first else f"plain{team.size}_second"
+    run(team, samples, folder / name, CLEAN, fresh=fresh)
+
+
+def unwanted(first: int):
+    raise AssertionError("only the first process makes fresh frames")
+
+
+def failed(team: Team, samples: Samples, folder: Path) -> None:
+    step, steps = training._step, iter(range(6))
+
+    def until_the_sixth(*arguments) -> float:
+        if next(steps) == 5:
+            raise InputError("the sixth step is one too many")
+        return step(*arguments)
+
+    if not team.first:
+        training._step = until_the_sixth
+    run(team, samples, folder / "failed", MODERN)
+
+
+def at_odds(team: Team, samples: Samples, folder: Path) -> None:
+    run(team, samples, folder / "at_odds", replace(MODERN, seed=team.rank))
+
+
+def too_small(team: Team, samples: Samples, folder: Path) -> None:
+    few = replace(samples, train_index=samples.train_index[:3])
+    run(team, few, folder / "too_small", MODERN)
+
+
+def run(team: Team, samples: Samples, folder: Path, config: TrainConfig, **options) -> None:
+    index = (samples.train_index, samples.validation_index)
+    identity = {"camera": "512 px/m"}
+    train(
+        config, samples.images, samples.forces, *index, folder, identity,
+        auxiliary=samples.auxiliary, team=team, **options,
+    )  # fmt: skip
+
+
+TWO = (whole, killed, resumed, plain, failed, at_odds, too_small)
+RUNS = (*((work, 2) for work in TWO), (plain, 1))
+
+
+def process(work: Work, rank: int, size: int, port: int, folder: Path) -> int:
+    """What one process does; returns its exit code."""
+    ranks = {
+        **{"RANK": str(rank), "LOCAL_RANK": str(rank)},
+        **{"WORLD_SIZE": str(size), "LOCAL_WORLD_SIZE": str(size)},
+    }
+    torchrun = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "TORCHELASTIC_USE_AGENT_STORE": "True"}
+    os.environ |= ranks | torchrun
+    with np.load(folder / "samples.npz") as stored:
+        samples = Samples(**stored)
+    try:
+        with join("cpu") as team:
+            work(team, samples, folder)
+    except ExosightError as error:
+        print(error, file=sys.stderr)
+        return 2
+    except SystemExit as leaving:
+        return int(leaving.code or 0)
+    return 0
+
+
+def fork(work: Work, rank: int, size: int, port: int, folder: Path) -> int:
+    """Start one process; returns its number."""
+    number = os.fork()
+    if number:
+        return number
+    code = 1
+    try:
+        said = os.open(folder / f"{work.__name__}.{rank}.txt", os.O_WRONLY | os.O_CREAT)
+        os.dup2(said, 2)
+        code = process(work, rank, size, port, folder)
+    except BaseException:
+        traceback.print_exc()
+    finally:
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def main() -> None:
+    folder = Path(sys.argv[1])
+    training._VALIDATION_BATCH = 5  # so that each process has a part of the validation
+    for work, size in RUNS:
+        # Where the processes meet: with torchrun, too, a process that outlives them has it.
+        store = TCPStore("127.0.0.1", 0, is_master=True, wait_for_workers=False)
+        numbers = [fork(work, rank, size, store.port, folder) for rank in range(size)]
+        for rank, number in enumerate(numbers):
+            code = os.waitstatus_to_exitcode(os.waitpid(number, 0)[1])
+            print(work.__name__, rank, code, flush=True)
+
+
+if __name__ == "__main__":
+    main()
