@@ -16,6 +16,7 @@ from exosight.app.pipeline import Data, fit, load
 from exosight.control import OnnxEstimator
 from exosight.control.estimator import Reading
 from exosight.dataset import make_split, previous
+from exosight.errors import InputError
 from exosight.learning import TrainConfig
 from exosight.learning.beside import APART, Beside
 from exosight.learning.intervals import Widths
@@ -147,3 +148,10 @@ def test_the_paper_network_is_refused(data: Path, tmp_path: Path, refused: Calla
     options = ("--network", "paper", "--actuation")
     sentence = refused("train", "--data", data, "--out", tmp_path / "run", *options)
     assert sentence.startswith("the paper network sees one image and nothing else")
+
+
+def test_frames_that_follow_no_path_have_no_past(paths: Data, tmp_path: Path) -> None:
+    still = replace(paths.frames, u=np.zeros_like(paths.frames.u))
+    split = make_split(still, "shape", 0)
+    with pytest.raises(InputError, match="expected frames along paths of u, got none after another"):
+        fit(Data(paths.manifest, still), split, CONFIG, tmp_path / "run", resume=False)

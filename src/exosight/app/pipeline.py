@@ -153,8 +153,10 @@ def beside(
 
 
 def _apart(frames: Frames) -> float:
-    """The usual change of u from a frame to the next of its path [N]."""
+    """The usual change of u from a frame to the next of its path [N]; InputError if none follows another."""
     steps = np.abs(frames.u - frames.u[previous(frames)])
+    if not steps.any():
+        raise InputError("past: expected frames along paths of u, got none after another; train without past")
     return round(float(np.median(steps[steps > 0])), 6)
 
 
