@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from exosight.dataset.frames import QUANTITIES, Frames, concatenate, find_fault, take
+from exosight.dataset.frames import QUANTITIES, Frames, concatenate, find_fault, previous, take
 
 
 def same(a: Frames, b: Frames) -> bool:
@@ -27,6 +27,31 @@ def test_picking_keeps_the_order_asked_for(frames: Frames) -> None:
     picked = take(frames, np.array([7, 2, 2]))
     assert np.array_equal(picked.forces, frames.forces[[7, 2, 2]])
     assert np.array_equal(picked.images, frames.images[[7, 2, 2]])
+
+
+def driven(frames: Frames, u: list[float], loading: list[int], shape_id: list[int]) -> Frames:
+    few = take(frames, np.arange(len(u)))
+    return dataclasses.replace(
+        few,
+        u=np.array(u, np.float32),
+        loading=np.array(loading, np.int8),
+        shape_id=np.array(shape_id, np.int32),
+    )
+
+
+def test_the_frame_before_is_that_of_the_same_path_and_at_rest_its_own(frames: Frames) -> None:
+    # Shape 3 to 2 N and back; shape 4, whose frame at 0 N was dropped, as was one in between.
+    one = driven(frames, [0, 1, 2, 2, 1, 0, 1, 3], [1, 1, 1, -1, -1, -1, 1, 1], [3] * 6 + [4] * 2)
+    assert previous(one).tolist() == [0, 0, 1, 2, 3, 5, 6, 6]
+
+
+def test_the_path_of_another_dataset_goes_on_none_of_the_first(frames: Frames) -> None:
+    """Numbers of shapes are those of their own dataset: the same one says nothing."""
+    falling = driven(frames, [0, 2, 2, 1], [1, 1, -1, -1], [7] * 4)
+    again = driven(frames, [0.5, 1], [1, 1], [7] * 2)
+    cut = driven(frames, [0, 1], [1, 1], [7] * 2)
+    assert previous(concatenate([falling, again])).tolist() == [0, 0, 1, 2, 4, 4]
+    assert previous(concatenate([cut, again])).tolist() == [0, 0, 2, 2]
 
 
 def test_good_frames_have_no_fault(frames: Frames) -> None:

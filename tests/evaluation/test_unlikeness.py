@@ -30,7 +30,7 @@ def pictures(count: int) -> np.ndarray:
     return images
 
 
-def background_gone(images: np.ndarray) -> np.ndarray:
+def background_gone(images: np.ndarray, places: np.ndarray | None = None) -> np.ndarray:
     """1.5 where less than a twentieth of the picture is the renderer's background, 0.5 elsewhere."""
     return np.where(np.mean(images == BACKGROUND, axis=(1, 2)) < 1 / 20, 1.5, 0.5)
 
@@ -53,3 +53,19 @@ def test_every_kind_is_judged_against_clean_images() -> None:
 def test_images_before_other_backgrounds_are_given_no_new_ones() -> None:
     found = evaluate_unlikeness(background_gone, np.zeros((4, 32, 32), np.uint8), np.full(4, 0.5), seed=0)
     assert [f.kind for f in found] == list(UNLIKE)
+
+
+def test_every_picture_stands_in_for_a_frame_of_the_test_part() -> None:
+    """What is made from a frame stands in its own place, whatever is seen beside it."""
+    images = pictures(12)
+    images[:, 14, 14] = np.arange(12)  # well within the square, which another background leaves alone
+    held_out: list[np.ndarray] = []
+
+    def unlike(others: np.ndarray, places: np.ndarray) -> np.ndarray:
+        assert places.shape == (len(others),)
+        assert sorted(places) == list(range(12))
+        held_out.append(others[np.argsort(places)])
+        return np.zeros(len(others))
+
+    evaluate_unlikeness(unlike, images, np.zeros(12), seed=0)
+    assert np.array_equal(held_out[0][:, 10:18, 10:18], images[:, 10:18, 10:18])

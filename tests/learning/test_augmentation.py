@@ -10,7 +10,7 @@ def test_images_move_by_whole_pixels_and_their_border_repeats():
     generator = np.random.default_rng(0)
     images = generator.integers(0, 256, (40, 120, 80), np.uint8)
     moves = set()
-    for image, other in zip(images, moved(images, generator), strict=True):
+    for image, other in zip(images, moved(images[:, None], generator)[:, 0], strict=True):
         # Largest moves: 120 // 40 rows and 80 // 40 columns. The inner part says which move it was.
         padded = np.pad(image, ((3, 3), (2, 2)), mode="edge")
         fits = [
@@ -26,12 +26,12 @@ def test_images_move_by_whole_pixels_and_their_border_repeats():
 
 
 def test_small_images_stay_where_they_are():
-    images = np.random.default_rng(0).integers(0, 256, (8, 39, 39), np.uint8)
+    images = np.random.default_rng(0).integers(0, 256, (8, 1, 39, 39), np.uint8)
     assert np.array_equal(moved(images, np.random.default_rng(1)), images)
 
 
 def test_what_happens_follows_from_seed_epoch_and_step_alone():
-    images = np.random.default_rng(0).integers(0, 256, (8, 80, 80), np.uint8)
+    images = np.random.default_rng(0).integers(0, 256, (8, 1, 80, 80), np.uint8)
     found = [augment(images, *key).tobytes() for key in [(1, 2, 3), (2, 2, 3), (1, 3, 3), (1, 2, 4)]]
     assert found[0] == augment(images, 1, 2, 3).tobytes()
     assert len(set(found)) == 4
@@ -41,7 +41,7 @@ def test_shares_ranges_and_noise_are_as_stated():
     """Half black, half white, 32×32: each half's mean tells the grays, its spread the noise."""
     images = np.zeros((2000, 32, 32), np.uint8)
     images[:, 16:] = 255
-    found = augment(images, seed=0, epoch=1, step=0)
+    found = augment(images[:, None], seed=0, epoch=1, step=0)[:, 0]
     assert found.dtype == np.float32
     assert found.min() >= 0
     assert found.max() <= 1
@@ -65,9 +65,24 @@ def test_shares_ranges_and_noise_are_as_stated():
 
 
 def test_parts_of_a_step_have_draws_of_their_own_which_are_always_the_same() -> None:
-    images = np.full((4, 40, 40), 128, np.uint8)
+    images = np.full((4, 1, 40, 40), 128, np.uint8)
     first, second = augment(images, 3, 1, 2), augment(images, 3, 1, 2, 1)
     assert (first == augment(images, 3, 1, 2, 0)).all()
     assert (second == augment(images, 3, 1, 2, 1)).all()
     assert (first != second).any()
     assert (second != augment(images, 3, 1, 2, 2)).any()
+
+
+def test_the_images_of_a_stack_are_moved_and_faded_alike_and_have_noise_of_their_own():
+    """Three times the same picture: without noise it stays the same, with noise only the noise differs."""
+    rng = np.random.default_rng(0)
+    images = np.repeat(rng.integers(0, 256, (400, 1, 40, 40), np.uint8), 3, axis=1)
+    found = augment(images, seed=0, epoch=1, step=0)
+    same = np.all(found == found[:, :1], axis=(1, 2, 3))
+    # Half of the stacks have noise, within four standard deviations of 400 coin tosses; it is in every image.
+    assert same.mean() == pytest.approx(1 - NOISY, abs=4 * 0.5 / np.sqrt(400))
+    noisy = found[~same]
+    assert np.all(np.any(noisy[:, 1] != noisy[:, 2], axis=(1, 2)))
+    # Noise of equal strength in all three: 1600 grays each, some clipped, tell the spread to a few per cent.
+    differences = [(noisy[:, i] - noisy[:, j]).std((1, 2)) for i, j in ((0, 1), (1, 2))]
+    np.testing.assert_allclose(differences[0], differences[1], rtol=0.2)

@@ -18,7 +18,14 @@ from exosight.learning.samples import Samples
 
 def block(samples: Samples, count: int, gray: int = 0) -> Block:
     images = np.full((count, *samples.images.shape[1:]), gray, np.uint8)
-    return Block(images, np.full((count, 7), 0.5, np.float32), np.full((count, 2), 0.5, np.float32))
+    halves = np.full((count, 7), 0.5, np.float32)
+    return Block(images, halves, halves[:, :2], 10 + np.arange(count, dtype=np.float32), before(count))
+
+
+def before(count: int) -> np.ndarray:
+    """The frame before each, in paths of four."""
+    places = np.arange(count)
+    return np.where(places % 4 == 0, places, places - 1)
 
 
 @given(st.integers(0, 100), st.integers(0, 2**31), st.integers(1, 1000))
@@ -26,7 +33,7 @@ def test_an_epoch_keeps_its_length_and_shows_every_frame_once(count: int, seed: 
     forces = np.zeros((80, 7), np.float32)
     numbered = np.arange(80, dtype=np.uint8)[:, None, None] * np.ones((1, 2, 2), np.uint8)
     samples = Samples(numbered, forces, np.arange(10, 74), np.arange(74, 80), forces[:, :2])
-    epoch_frames = shown(samples, block(samples, count, gray=255), seed, epoch)
+    epoch_frames = shown(samples, block(samples, count, gray=255), 0, seed, epoch)
     assert len(set(epoch_frames.rows)) == 64
     grays = epoch_frames.images[epoch_frames.rows][:, 0, 0]
     assert np.sum(grays == 255) == min(count, 64)  # all of the block that fits
@@ -37,9 +44,29 @@ def test_an_epoch_keeps_its_length_and_shows_every_frame_once(count: int, seed: 
 
 
 def test_a_block_of_another_size_is_refused(blobs: Samples) -> None:
-    wrong = Block(np.zeros((3, 8, 8), np.uint8), np.zeros((3, 7), np.float32), np.zeros((3, 2), np.float32))
+    wrong = block(blobs, 3)._replace(images=np.zeros((3, 8, 8), np.uint8))
     with pytest.raises(InputError, match="expected images of"):
-        shown(blobs, wrong, 0, 1)
+        shown(blobs, wrong, 0, 0, 1)
+
+
+def test_a_fresh_frame_is_seen_with_those_before_it_in_its_block() -> None:
+    forces = np.zeros((80, 7), np.float32)
+    numbered = np.arange(80, dtype=np.uint8)[:, None, None] * np.ones((1, 2, 2), np.uint8)
+    samples = Samples(
+        *(numbered, forces, np.arange(64), np.arange(64, 80), forces[:, :2]),
+        u=np.arange(80, dtype=np.float32),
+        previous=before(80),
+    )
+    more = block(samples, 6)._replace(images=100 + numbered[:6])
+    found = shown(samples, more, 2, 0, 1)
+    assert found.u is not None
+    for row in found.rows:
+        number, own = (row - 80, 100) if row >= 80 else (row, 0)
+        start = number - number % 4
+        grays = found.images[found.stacks[row]][:, 0, 0].astype(int) - own
+        assert grays.tolist() == [max(number - i, start) for i in range(3)]
+        assert found.u[row] == (10 + number if own else number)
+    assert np.count_nonzero(found.rows >= 80) == 6
 
 
 def test_a_stopped_run_resumes_with_the_block_of_its_epoch(

@@ -25,13 +25,13 @@ def model() -> ForceModel:
 
 @pytest.fixture(scope="module")
 def fitted(model: ForceModel) -> Likeness:
-    return fit_likeness(model, pictures(600, 0))
+    return fit_likeness(model, pictures(600, 0)[:, None])
 
 
 def score(model: ForceModel, fitted: Likeness, images: np.ndarray) -> np.ndarray:
     part = torch.from_numpy(images[:, None]).float() / 255
     with torch.inference_mode():
-        return fitted(part, model.features(part)).numpy()
+        return fitted(part, model.network.features(part)).numpy()
 
 
 def test_other_pictures_score_higher_than_any_of_the_family(model: ForceModel, fitted: Likeness) -> None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exosight.errors import InputError
-from exosight.learning.samples import Samples, check_samples, epoch_batches, fingerprint, scale_of
+from exosight.learning.samples import Samples, check_samples, epoch_batches, fingerprint, scale_of, stacks
 
 
 def test_good_frames_pass(blobs: Samples):
@@ -32,6 +32,12 @@ def broken(forces: np.ndarray, value: float) -> np.ndarray:
         (lambda f: {"forces": broken(f.forces, -1e-3)}, "at least 0 N.*frame 11"),
         (lambda f: {"auxiliary": f.auxiliary[:-1]}, r"auxiliary: expected float32 \(80, n\)"),
         (lambda f: {"auxiliary": np.full_like(f.auxiliary, np.nan)}, "auxiliary: expected finite"),
+        (lambda f: {"u": np.zeros(80)}, r"u: expected 80 finite float32 newtons"),
+        (lambda f: {"u": np.zeros(79, np.float32)}, r"u: expected 80 finite.*\(79,\)"),
+        (lambda f: {"u": np.full(80, np.inf, np.float32)}, "u: expected 80 finite"),
+        (lambda f: {"previous": np.arange(79)}, r"previous: expected 80 frame numbers.*\(79,\)"),
+        (lambda f: {"previous": np.arange(1, 81)}, "previous: expected frame numbers from 0 to 79"),
+        (lambda f: {"previous": np.arange(80.0)}, "previous: expected a list of integers"),
         (lambda f: {"train_index": f.train_index[:0]}, "train_index: expected at least 2"),
         (lambda f: {"train_index": f.train_index[:1]}, "train_index: expected at least 2"),
         (lambda f: {"validation_index": f.validation_index[:0]}, "validation_index: expected at least 1"),
@@ -101,8 +107,26 @@ def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Sampl
         replace(blobs, train_index=blobs.train_index[::-1]),
         replace(blobs, train_index=blobs.train_index[:-1]),
         replace(blobs, auxiliary=blobs.auxiliary[:, :1]),
+        replace(blobs, u=blobs.forces[:, 0]),
+        replace(blobs, previous=np.arange(80)),
     ]
     prints = {
         fingerprint(samples) for samples in [blobs, replace(blobs, images=blobs.images.copy()), *others]
     }
     assert len(prints) == 1 + len(others)
+
+
+def test_the_fingerprint_of_frames_without_u_and_past_is_what_it_always_was():
+    """Runs that were begun before networks could see more must go on."""
+    grays = np.arange(48, dtype=np.uint8).reshape(3, 4, 4)
+    forces = np.arange(21, dtype=np.float32).reshape(3, 7)
+    samples = Samples(grays, forces, np.arange(2), np.arange(2, 3), forces[:, :2].copy())
+    assert fingerprint(samples) == "72d75a749b1fd6b8a30307d40b2deabc5cd857b816a3ba303b1d8e4e89d0aa0e"
+
+
+def test_a_stack_holds_a_frame_and_those_before_it_newest_first():
+    previous = np.array([0, 0, 1, 2, 4, 4])
+    assert stacks(previous, 2, 6).tolist() == [
+        *([0, 0, 0], [1, 0, 0], [2, 1, 0], [3, 2, 1], [4, 4, 4], [5, 4, 4])
+    ]
+    assert stacks(None, 0, 3).tolist() == [[0], [1], [2]]

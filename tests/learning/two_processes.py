@@ -24,6 +24,7 @@ from exosight.errors import ExosightError, InputError
 from exosight.learning import TrainConfig, train, training
 from exosight.learning.checkpoint import RunIdentity
 from exosight.learning.fresh import Block
+from exosight.learning.networks import Network
 from exosight.learning.parallel import join
 from exosight.learning.samples import Samples
 from exosight.learning.team import Team
@@ -39,7 +40,7 @@ def plain_network(identity: RunIdentity):
     with torch.random.fork_rng():
         torch.manual_seed(identity.settings.seed)
         outputs = 21 + len(identity.auxiliary_scale)
-        return nn.Sequential(nn.Flatten(), nn.Linear(1600, 32), nn.ReLU(), nn.Linear(32, outputs))
+        return Network(nn.Flatten(), nn.Linear(1600, 32), nn.ReLU(), nn.Linear(32, outputs))
 
 
 def blocks(samples: Samples):
@@ -50,7 +51,8 @@ def blocks(samples: Samples):
         while True:
             first += 1
             images = np.roll(samples.images[kept, ::-1], first, axis=2).copy()
-            yield Block(images, samples.forces[kept], samples.auxiliary[kept])
+            alone = np.arange(len(kept))
+            yield Block(images, samples.forces[kept], samples.auxiliary[kept], np.float32(alone), alone)
 
     return produce
 

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int8, UInt8
+from jaxtyping import Float32, Int, Int8, UInt8
 
 from exosight.app.console import progress, to_json
-from exosight.app.pipeline import Data, test_part
+from exosight.app.pipeline import Data, beside, stacked_rows, test_part
 from exosight.app.report import Picture, Report, Section, write_report, write_tables
 from exosight.control.estimator import OnnxEstimator, Reading
 from exosight.dataset import make_split
@@ -133,24 +133,37 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
     seed   of the noise, and of what is unlike
     """
 
-    def unlike(others: Images) -> Float32[np.ndarray, " frames"]:
-        return estimator.read(others).unlike
+    card, frames = estimator.card, data.frames
+    index, meaning = test_part(card, data)
+    rows = stacked_rows(frames, card.past)[index]
+    # A network that sees earlier images may see some beyond those that it is judged on.
+    seen = np.concatenate([index, np.setdiff1d(rows, index)])
+    place = np.empty(len(frames), np.intp)
+    place[seen] = np.arange(len(seen))
+    pictures, true = frames.images[seen], frames.forces[index]
+    images = pictures[: len(index)]
 
-    index, meaning = test_part(estimator.card, data)
-    images, true = data.frames.images[index], data.frames.forces[index]
-    with _counted(estimator.read, (len(CORRUPTIONS) + len(LEVELS)) * len(index)) as read:
-        clean = {level: read(images, level) for level in LEVELS}
+    def look(pictures: Images, level: float) -> Reading:
+        own = beside(pictures, place[rows], frames.u[index], card)
+        return estimator.read(pictures[: len(index)], level, own)
+
+    def unlike(others: Images, where: Int[np.ndarray, " frames"]) -> Float32[np.ndarray, " frames"]:
+        own = beside(pictures, place[rows[where]], frames.u[index[where]], card)
+        return estimator.read(others, beside=own).unlike
+
+    with _counted(look, (len(CORRUPTIONS) + len(LEVELS)) * len(seen)) as read:
+        clean = {level: read(pictures, level) for level in LEVELS}
         usual = clean[USUAL]
         ends = {level: (reading.low, reading.high) for level, reading in clean.items()}
-        degraded = {name: read(corrupt(images, name, seed), USUAL) for name in CORRUPTIONS}
+        degraded = {name: read(corrupt(pictures, name, seed), USUAL) for name in CORRUPTIONS}
         return Evaluation(
             frames=f"{len(index)} frames: {meaning}",
             true=true,
-            loading=data.frames.loading[index],
+            loading=frames.loading[index],
             readings={CLEAN: usual, **degraded},
             intervals=evaluate_intervals(true, usual.forces, ends),
             unlike=evaluate_unlikeness(unlike, images, usual.unlike, seed),
-            baselines=_baselines(estimator, data) if len(index) < len(data.frames) else {},
+            baselines=_baselines(estimator, data) if len(index) < len(frames) else {},
         )
 
 

@@ -93,7 +93,7 @@ def on_simulation(
     log: Log,
 ) -> None:
     """Look at a simulated exosuit, and actuate it; arguments of `tune` are its limits."""
-    network = OnnxEstimator.load(model)
+    network = OnnxEstimator.load(model, alone=True)
     guarded = Guarded(Scheduled(tune(exosuit, **limits)))
     rig = SimulatedRig(SimulatedPlant(exosuit, camera_of(network.card)))
     with _written(record, network, guarded, model, log) as done, _stoppable():
@@ -112,7 +112,7 @@ def on_camera(
     log: Log,
 ) -> None:
     """Look through a camera or at pictures in files, and tell u to whoever reads it at `send`."""
-    network = OnnxEstimator.load(model)
+    network = OnnxEstimator.load(model, alone=True)
     frames = open_source(source, network.card.image_width, network.card.image_height, crop)
     with closing(frames), ExitStack() as stack:
         # A camera has noise: the same picture, bit by bit, for half a second is no picture.

@@ -6,20 +6,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int
+from jaxtyping import Float32, Int, UInt8
 from pydantic import TypeAdapter
 
 from exosight.dataset import Frames, Manifest, Split, dataset_identity, make_split, read_frames, read_manifest
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.frames import QUANTITIES, concatenate
+from exosight.dataset.frames import QUANTITIES, concatenate, previous
 from exosight.dataset.manifest import sampled_shapes
 from exosight.dataset.stream import stream
 from exosight.errors import InputError
 from exosight.exosuit.scenarios import geometry
+from exosight.learning.beside import APART, Beside
 from exosight.learning.config import TrainConfig
 from exosight.learning.fresh import Block, Blocks
 from exosight.learning.history import EpochRecord
 from exosight.learning.model_file import ModelCard
+from exosight.learning.samples import stacks
 from exosight.learning.team import ALONE, Team
 from exosight.vision.camera import Camera
 
@@ -112,6 +114,9 @@ def fit(
     from exosight.learning import export_onnx, train
 
     frames, wider = widened(data, split, more)
+    about = {**identity(data, split, more), "fresh": fresh}
+    if config.past:
+        about[APART] = _apart(data.frames)
     result = train(
         config,
         frames.images,
@@ -119,8 +124,10 @@ def fit(
         wider.train,
         wider.validation,
         folder,
-        {**identity(data, split, more), "fresh": fresh},
+        about,
         auxiliary=auxiliary(frames),
+        u=frames.u,
+        previous=previous(frames),
         fresh=_fresh(data, fresh) if fresh else None,
         resume=resume,
         progress=lambda at: progress(at.step, at.steps),
@@ -128,8 +135,33 @@ def fit(
     )
     if team.first and not (folder / MODEL).exists():
         kept = split.validation
-        export_onnx(folder, folder / MODEL, data.frames.images[kept], data.frames.forces[kept])
+        images, forces = data.frames.images, data.frames.forces[kept]
+        seen = beside(images, stacked_rows(data.frames, config.past)[kept], data.frames.u[kept], config)
+        export_onnx(folder, folder / MODEL, images[kept], forces, seen)
     return result.history
+
+
+def stacked_rows(frames: Frames, past: int) -> Int[np.ndarray, "frames stack"]:
+    """The frames of a dataset that a network sees of each: its own, then those before it, newest first."""
+    return stacks(previous(frames), past, len(frames))
+
+
+def beside(
+    images: UInt8[np.ndarray, "images height width"],
+    rows: Int[np.ndarray, "frames stack"],
+    u: Float32[np.ndarray, " frames"],
+    asked: ModelCard | TrainConfig,
+) -> Beside:
+    """What a network asks for beside the first of the images in each row."""
+    return Beside(images[rows[:, 1:]] if asked.past else None, u if asked.actuation else None)
+
+
+def _apart(frames: Frames) -> float:
+    """The usual change of u from a frame to the next of its path [N]; InputError if none follows another."""
+    steps = np.abs(frames.u - frames.u[previous(frames)])
+    if not steps.any():
+        raise InputError("past: expected frames along paths of u, got none after another; train without past")
+    return round(float(np.median(steps[steps > 0])), 6)
 
 
 def _fresh(data: Data, per_scenario: int) -> Blocks:
@@ -141,7 +173,7 @@ def _fresh(data: Data, per_scenario: int) -> Blocks:
             replace(known, per_scenario=per_scenario), exclude=sampled_shapes(data.manifest), start=first
         ) as found:
             for frames in found:
-                yield Block(frames.images, frames.forces, auxiliary(frames))
+                yield Block(frames.images, frames.forces, auxiliary(frames), frames.u, previous(frames))
 
     return blocks
 

@@ -46,7 +46,7 @@ def run_stress(
 
     Raises InputError for settings that are out of range, DataError if the model cannot be read.
     """
-    estimator = None if model is None else OnnxEstimator.load(model, threads=2)
+    estimator = None if model is None else OnnxEstimator.load(model, threads=2, alone=True)
     camera = Camera() if estimator is None else camera_of(estimator.card)
     sensor = true_sensor if estimator is None else camera_sensor(estimator)
     drawn = [draw_episode(config, seed, number, camera) for number in range(episodes)]

@@ -16,13 +16,19 @@ CONFIG = "study.json"
 _SPLIT_WORDS = {"shape": "by shape", "frame": "by frame"}
 
 
+def _of_one_image(training: TrainConfig) -> TrainConfig:
+    if training.past or training.actuation:
+        raise ValueError("expected networks that read one image: a study knows neither past nor actuation")
+    return training
+
+
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class RunConfig:
     """One network to train."""
 
     protocol: Literal["shape", "frame"]
     """How frames are divided."""
-    training: TrainConfig
+    training: Annotated[TrainConfig, AfterValidator(_of_one_image)]
     """Network and recipe."""
 
     @property

@@ -5,6 +5,7 @@ simulated   that plant as a simulation (needs JAX: `exosight.control.simulated`)
 estimator   contact forces from images
 calibration a network whose errors on one exosuit are known (needs JAX: `exosight.control.calibration`)
 batch       many simulated plants side by side (needs JAX: `exosight.control.batch`)
+memory      what a network is shown beside the next image: earlier ones, u
 laws        from target and measured force to the next actuation
 loop        measure, ask the law, actuate, step after step
 paths       what a controller knows of its exosuit: force paths up and down, limits

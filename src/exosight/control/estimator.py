@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from exosight.errors import DataError, InputError
+from exosight.learning.beside import NOTHING, Beside, check_beside, stacked
 from exosight.learning.intervals import interval
 from exosight.learning.model_file import OUTPUTS, ModelCard, open_model
 
@@ -73,28 +74,38 @@ class OnnxEstimator:
     """what was trained on what"""
 
     @staticmethod
-    def load(path: Path, threads: int = 1) -> "OnnxEstimator":
+    def load(path: Path, threads: int = 1, *, alone: bool = False) -> "OnnxEstimator":
         """Open an estimator that `export_onnx` wrote.
 
         threads   for one image at 10 Hz one thread is plenty, and leaves the other cores to the plant
+        alone     whether it will be shown one image and nothing beside
 
-        Raises DataError if the file is missing, truncated, changed, or no estimator of exosight.
+        Raises DataError if the file is missing, truncated, changed, or no estimator of exosight; InputError
+        if it asks for more than it will be shown.
         """
         session, card = open_model(path, threads)
+        if alone and (card.past or card.actuation):
+            raise InputError(
+                f"{path}: expected a network that reads one image alone, got one that asks for past "
+                f"{card.past} and actuation {card.actuation}; give OnnxEstimator.read its Beside in Python, "
+                "use exosight evaluate or control, or choose another network"
+            )
         return OnnxEstimator(session, card)
 
-    def estimate(self, images: np.ndarray) -> Float32[np.ndarray, "frames 7"]:
+    def estimate(self, images: np.ndarray, beside: Beside = NOTHING) -> Float32[np.ndarray, "frames 7"]:
         """Forces on C1…C7 [N], one row an image; arguments and errors as for `read`."""
-        return self.read(images).forces
+        return self.read(images, beside=beside).forces
 
-    def read(self, images: np.ndarray, level: float = 0.9) -> Reading:
+    def read(self, images: np.ndarray, level: float = 0.9, beside: Beside = NOTHING) -> Reading:
         """Forces, intervals and contact.
 
         images    (frames, height, width)  uint8 gray values, of the size that the network was trained on
         level     share of images, of the kind that the network was calibrated with, whose true force is to
                   lie in its interval: one of `exosight.learning.intervals.LEVELS`
+        beside    earlier images and actuation, where its card asks for them
 
-        Raises InputError for images of another type or size, DataError if the network answers no number.
+        Raises InputError for images of another type or size, or something else beside them; DataError if the
+        network answers no number.
         """
         size = (self.card.image_height, self.card.image_width)
         if images.dtype != np.uint8 or images.ndim != 3 or images.shape[1:] != size:
@@ -102,12 +113,16 @@ class OnnxEstimator:
                 f"images: this estimator needs uint8 (frames, {size[0]}, {size[1]}), got {images.dtype} "
                 f"{images.shape}; render or resize them to {size[0]}×{size[1]} pixels"
             )
+        check_beside(images, beside, self.card.past, self.card.actuation)
         found = np.empty((3, len(images), len(self.card.contacts)), np.float32)
         unlike = np.empty(len(images), np.float32)
         for start in range(0, len(images), _BATCH):
             part = slice(start, start + _BATCH)
-            scaled = images[part, None].astype(np.float32) / np.float32(255)
-            *found[:, part], unlike[part] = self.session.run(list(OUTPUTS), {"image": scaled})
+            own = Beside(*(None if x is None else x[part] for x in (beside.past, beside.u)))
+            given = {"image": stacked(images[part], own).astype(np.float32) / np.float32(255)}
+            if own.u is not None:
+                given["u"] = own.u
+            *found[:, part], unlike[part] = self.session.run(list(OUTPUTS), given)
         if not (np.isfinite(found).all() and np.isfinite(unlike).all()):
             raise DataError("the network answers forces that are not finite; train and export it again")
         forces, expected_error, contact = found

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from exosight.control.estimator import Estimator
+from exosight.control.estimator import Estimator, OnnxEstimator
 from exosight.control.laws import Law
+from exosight.control.memory import Memory
 from exosight.control.plant import Observation, Plant
 from exosight.errors import InputError
 
@@ -19,8 +20,19 @@ Measure = Callable[[Observation], float]
 
 
 def from_image(estimator: Estimator) -> Measure:
-    """F_net as an estimator reads it from the image alone: the sum of its C1…C7."""
-    return lambda observation: float(estimator.estimate(observation.image[None])[0].sum())
+    """F_net as an estimator reads it from the image: the sum of its C1…C7.
+
+    A network is shown earlier images and u as well, if its card asks for them.
+    """
+    if not isinstance(estimator, OnnxEstimator):
+        return lambda observation: float(estimator.estimate(observation.image[None])[0].sum())
+    memory = Memory(estimator.card)
+
+    def measure(observation: Observation) -> float:
+        image = observation.image
+        return float(estimator.estimate(image[None], memory.beside(image, observation.u))[0].sum())
+
+    return measure
 
 
 def true_force(observation: Observation) -> float:

@@ -1,6 +1,6 @@
 """Labelled images: in memory, on disk, and divided for training and testing."""
 
-from exosight.dataset.frames import QUANTITIES, Frames, concatenate, take
+from exosight.dataset.frames import QUANTITIES, Frames, concatenate, previous, take
 from exosight.dataset.manifest import (
     ChunkEntry,
     Manifest,
@@ -31,6 +31,7 @@ __all__ = [
     "dataset_identity",
     "make_split",
     "new_manifest",
+    "previous",
     "read_frames",
     "read_manifest",
     "read_variation",

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int, Int8, Int32, UInt8
+from jaxtyping import Float32, Float64, Int, Int8, Int32, Int64, UInt8
 
 from exosight.exosuit.scenarios import SCENARIOS
 from exosight.exosuit.shapes import FAMILIES
@@ -65,6 +65,20 @@ CAUSES = ("not_converged", "crosses_itself", "tip_below_finger")
 def take(frames: Frames, index: Int[np.ndarray, " picked"]) -> Frames:
     """The frames at the given places, in that order."""
     return Frames(**{name: getattr(frames, name)[index] for name in QUANTITIES})
+
+
+def previous(frames: Frames) -> Int64[np.ndarray, " frames"]:
+    """The place of the frame before each on the path of its exosuit.
+
+    At u = 0, and where a path begins, it is the frame's own: the exosuit was at rest before it was driven.
+    """
+    here, before = slice(1, None), slice(None, -1)
+    way = (frames.u[here] - frames.u[before]) * frames.loading[here]
+    follows = (frames.shape_id[here] == frames.shape_id[before]) & (way >= 0) & (frames.u[here] != 0)
+    follows &= frames.loading[here] <= frames.loading[before]  # a path rises, then falls
+    places = np.arange(len(frames))
+    places[here] -= follows
+    return places
 
 
 def concatenate(parts: Sequence[Frames]) -> Frames:

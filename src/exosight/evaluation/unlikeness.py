@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from exosight.errors import InputError
 from exosight.evaluation.tables import Cell, Column, Table
@@ -12,6 +12,7 @@ from exosight.vision import BACKGROUND, HELD_OUT, UNLIKE, augment, draw_appearan
 
 Images = UInt8[np.ndarray, "frames height width"]
 Scores = Float[np.ndarray, " frames"]
+Places = Int[np.ndarray, " frames"]
 
 MANY = 500
 """Most images of each kind: an AUROC of 0.97 is then known to 0.01."""
@@ -48,11 +49,12 @@ def auroc(usual: Float[np.ndarray, " usual"], unlike: Float[np.ndarray, " unlike
 
 
 def evaluate_unlikeness(
-    unlike: Callable[[Images], Scores], images: Images, usual: Scores, seed: int
+    unlike: Callable[[Images, Places], Scores], images: Images, usual: Scores, seed: int
 ) -> tuple[Unlikeness, ...]:
     """Judge the score on held-out backgrounds and occlusions, and on pictures without the plant.
 
-    unlike   images → how unlike those learned from they are, as a share of the limit
+    unlike   images, and the frames of the test part in whose place each is seen → how unlike those learned
+             from they are, as a share of the limit
     images   of the test part; held-out cases are made from those before the renderer's background, and are
              left out if none is
     usual    the scores of these
@@ -62,12 +64,18 @@ def evaluate_unlikeness(
     count = min(MANY, len(images))
     clean = np.flatnonzero(np.mean(images == BACKGROUND, axis=(1, 2)) >= CLEAN)
     picked = np.random.default_rng(seed).permutation(clean)[:count]
-    cases: dict[str, Callable[[], Images]] = {
-        f"held-out {name}": lambda v=variation: augment(images[picked], draw_appearance(v, seed, picked))
+    cases: dict[str, tuple[Callable[[], Images], Places]] = {
+        f"held-out {name}": (
+            lambda v=variation: augment(images[picked], draw_appearance(v, seed, picked)),
+            picked,
+        )
         for name, variation in (HELD_OUT.items() if len(picked) else ())
     }
-    cases |= {kind: lambda k=kind: unlike_images(k, count, seed, width, height) for kind in UNLIKE}
-    found = {kind: unlike(make()) for kind, make in cases.items()}
+    cases |= {
+        kind: (lambda k=kind: unlike_images(k, count, seed, width, height), np.arange(count))
+        for kind in UNLIKE
+    }
+    found = {kind: unlike(make(), places) for kind, (make, places) in cases.items()}
     return tuple(
         Unlikeness(kind, len(scores), auroc(usual, scores), float(np.mean(scores > 1)))
         for kind, scores in found.items()

@@ -20,9 +20,9 @@ from torch import Tensor, nn
 import exosight
 from exosight.errors import DataError, InputError
 from exosight.files import replace_file
-from exosight.learning.config import Settings
+from exosight.learning.config import MOST_PAST, Settings
 from exosight.learning.history import EpochRecord
-from exosight.learning.networks import ForceModel, ImageSize, build_network
+from exosight.learning.networks import ForceModel, ImageSize, Network, build_network
 from exosight.learning.samples import CONTACTS
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
@@ -37,17 +37,24 @@ class RunIdentity:
     settings: Settings
     data_identity: dict[str, str | int | float]
     fingerprint: str
-    """SHA-256 of images, forces and both index arrays"""
+    """SHA-256 of what it learns from and which frames choose its best epoch"""
     image_size: ImageSize
     force_scale: tuple[float, ...]
     """newtons that one unit of the network's output stands for, C1…C7"""
     auxiliary_scale: tuple[float, ...]
     """what one unit of its auxiliary outputs stands for"""
 
-    def build_network(self) -> nn.Sequential:
+    def build_network(self) -> Network:
         """The network with its first weights."""
         settings = self.settings
-        return build_network(settings.network, self.image_size, len(self.auxiliary_scale), settings.seed)
+        return build_network(
+            settings.network,
+            self.image_size,
+            len(self.auxiliary_scale),
+            settings.seed,
+            settings.past,
+            settings.actuation,
+        )
 
 
 @dataclass(frozen=True)
@@ -216,6 +223,8 @@ def _contradiction(checkpoint: Checkpoint) -> str | None:
         return f"force_scale is {run.force_scale}"
     if len(run.auxiliary_scale) > 1000 or not all(0 < x < math.inf for x in run.auxiliary_scale):
         return f"auxiliary_scale is {run.auxiliary_scale[:3]}, …"
+    if not 0 <= run.settings.past <= MOST_PAST:
+        return f"past is {run.settings.past}"
     if [record.epoch for record in history] != list(range(1, position.epoch + 1)):
         return f"{position.epoch} epochs done, but {len(history)} in the history"
     validated = {record.epoch for record in history if record.validation_loss is not None}

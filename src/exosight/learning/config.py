@@ -6,12 +6,16 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
+from exosight.errors import InputError
 from exosight.learning.recipes import RECIPES
 from exosight.machine import cores
 
 NetworkName = Literal["light", "paper"]
 RecipeName = Literal["modern", "clean", "paper"]
 Precision = Literal["float32", "bfloat16"]
+
+MOST_PAST = 8
+"""Earlier images that a network may see at most."""
 
 _RECIPE_OF_NETWORK: dict[NetworkName, RecipeName] = {"light": "modern", "paper": "paper"}
 
@@ -33,6 +37,10 @@ class TrainConfig:
     """images a step; default: the recipe's"""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """decides the first weights and the order of the images"""
+    past: Annotated[int, Field(ge=0, le=MOST_PAST)] = 0
+    """earlier images of the same exosuit that the light network sees beside the one it reads"""
+    actuation: bool = False
+    """whether the light network is told the actuation u [N] as well"""
     threads: Annotated[int, Field(ge=1, le=1024)] | None = None
     """CPU threads; default: one a core. Another count rounds differently in the last digit"""
     device: Literal["auto", "cpu", "cuda"] = "auto"
@@ -54,13 +62,23 @@ class Settings:
     threads: int
     device: Literal["cpu", "cuda"]
     precision: Precision
+    # Last, and with defaults: checkpoints of runs that were begun without them are read as well.
+    past: int = 0
+    actuation: bool = False
 
 
 def resolve(config: TrainConfig, device: Literal["cpu", "cuda"], precision: Precision) -> Settings:
     """Spell out the defaults.
 
     device, precision   what `auto` means on this machine, which only PyTorch can tell
+
+    Raises InputError if the paper's network is to see more than the image.
     """
+    if config.network == "paper" and (config.past or config.actuation):
+        raise InputError(
+            "the paper network sees one image and nothing else, got "
+            f"past {config.past} and actuation {config.actuation}; use the light one"
+        )
     recipe = config.recipe or _RECIPE_OF_NETWORK[config.network]
     return Settings(
         network=config.network,
@@ -72,4 +90,6 @@ def resolve(config: TrainConfig, device: Literal["cpu", "cuda"], precision: Prec
         threads=config.threads or cores(),
         device=device,
         precision=RECIPES[recipe].precision or precision if config.precision == "auto" else config.precision,
+        past=config.past,
+        actuation=config.actuation,
     )

@@ -17,9 +17,10 @@ from torch import Tensor, nn
 import exosight
 from exosight.errors import DataError, InputError
 from exosight.files import replace_file
+from exosight.learning.beside import NOTHING, Beside, check_beside, stacked
 from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
 from exosight.learning.intervals import Widths, calibrate
-from exosight.learning.likeness import Likeness, fit_likeness
+from exosight.learning.likeness import Likeness, batches, fit_likeness
 from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, open_session, seal
 from exosight.learning.networks import ForceModel, answers
 from exosight.learning.samples import CONTACTS
@@ -28,8 +29,6 @@ from exosight.learning.samples import CONTACTS
 # MATLAB's importNetworkFromONNX and other readers that lag behind can follow.
 _OPERATOR_SET = 18
 _FILE_FORMAT = 8
-
-_BATCH = 256
 
 _TOLERANCE = 1e-5
 """Float32 keeps seven digits and a forward pass sums a few hundred terms; measured: about 5e-7."""
@@ -40,25 +39,31 @@ def export_onnx(
     path: Path,
     images: UInt8[np.ndarray, "frames height width"],
     forces: Float32[np.ndarray, "frames 7"],
+    beside: Beside = NOTHING,
 ) -> ModelCard:
     """Write the best network of a run as an ONNX file, after checking it against ONNX Runtime.
 
     Its input `image` is float32 (batch, 1, height, width) in [0, 1], its output `forces` float32 (batch, 7),
-    C1…C7 [N].
+    C1…C7 [N]. A network that sees earlier images has them as further channels, the newest first; one that is
+    told u has a second input `u`, float32 (batch,) [N].
 
     source   a run's folder, or its checkpoint
     images   frames that the run has not learned from, such as its validation part, and
     forces   their true forces [N]: they set how wide the intervals around estimates are
+    beside   what the network is shown beside these frames
     returns  what the file's metadata say
 
-    Raises InputError if `path` exists, DataError if the checkpoint cannot be used or the exported network
-    answers otherwise than the trained one.
+    Raises InputError if `path` exists or `beside` is not what the network is shown, DataError if the
+    checkpoint cannot be used or the exported network answers otherwise than the trained one.
     """
     if path.exists():
         raise InputError(f"{path}: exists already; choose another name")
     checkpoint, model = load_checkpoint(source), load_model(source)
-    likeness = fit_likeness(model, images)
-    card = _card(checkpoint, calibrate(*_answers(model, images), forces), likeness.limit)
+    settings = checkpoint.run.settings
+    check_beside(images, beside, settings.past, settings.actuation)
+    seen = stacked(images, beside), beside.u
+    likeness = fit_likeness(model, *seen)
+    card = _card(checkpoint, calibrate(*_answers(model, *seen), forces), likeness.limit)
     proto = _convert(_Deployed(model, likeness).eval(), card)
     _verify(proto, model, card)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -73,19 +78,21 @@ class _Deployed(nn.Module):
         super().__init__()
         self.model, self.likeness = model, likeness
 
-    def forward(self, image: Tensor) -> tuple[Tensor, ...]:
-        features = self.model.features(image)
+    def forward(self, image: Tensor, u: Tensor | None = None) -> tuple[Tensor, ...]:
+        features = self.model.network.features(image, u)
         return (*self.model.read(features), self.likeness(image, features))
 
 
 def _answers(
-    model: ForceModel, images: UInt8[np.ndarray, "frames height width"]
+    model: ForceModel,
+    images: UInt8[np.ndarray, "frames stack height width"],
+    u: Float32[np.ndarray, " frames"] | None,
 ) -> tuple[Float32[np.ndarray, "frames 7"], Float32[np.ndarray, "frames 7"]]:
     """Forces and the errors to be expected of them [N]."""
     parts = []
     with torch.inference_mode():
-        for start in range(0, len(images), _BATCH):
-            forces, error, _ = model(torch.from_numpy(images[start : start + _BATCH, None]).float() / 255)
+        for part in batches(images, u):
+            forces, error, _ = model(*part)
             parts.append((forces.numpy(), error.numpy()))
     forces, error = (np.concatenate(part) for part in zip(*parts, strict=True))
     return forces, error
@@ -93,13 +100,16 @@ def _answers(
 
 def _card(checkpoint: Checkpoint, widths: Widths, unlike_limit: float) -> ModelCard:
     run, best = checkpoint.run, checkpoint.history[checkpoint.position.best_epoch - 1]
+    past, actuation = run.settings.past, run.settings.actuation
+    order = ", the newest first" if past else ""
+    told = "; u: actuation [N], float32, (batch,)" if actuation else ""
     return ModelCard(
         exosight_version=exosight.__version__,
         network=run.settings.network,
         seed=run.settings.seed,
         image_height=run.image_size[0],
         image_width=run.image_size[1],
-        input="gray image, float32 in 0…1, (batch, 1, height, width)",
+        input=f"gray image, float32 in 0…1, (batch, {1 + past}, height, width){order}{told}",
         contacts=CONTACTS,
         unit="N",
         epoch=best.epoch,
@@ -108,20 +118,23 @@ def _card(checkpoint: Checkpoint, widths: Widths, unlike_limit: float) -> ModelC
         data=run.data_identity,
         widths=widths,
         unlike_limit=unlike_limit,
+        past=past,
+        actuation=actuation,
     )
 
 
 def _convert(model: nn.Module, card: ModelCard) -> onnx.ModelProto:
     """Trace the network, and keep only the graph: around it PyTorch writes paths of this machine."""
-    example = torch.zeros(2, 1, card.image_height, card.image_width)
+    examples = tuple(torch.zeros(2, *shape) for shape in card.inputs.values())
+    batch = torch.export.Dim("batch")
     with _quiet():
         program = torch.onnx.export(
             model,
-            (example,),
+            examples,
             dynamo=True,
-            input_names=["image"],
+            input_names=list(card.inputs),
             output_names=list(OUTPUTS),
-            dynamic_shapes={"image": {0: torch.export.Dim("batch")}},
+            dynamic_shapes={name: {0: batch} for name in card.inputs},
             opset_version=_OPERATOR_SET,
             external_data=False,
             verbose=False,
@@ -161,12 +174,16 @@ def _verify(proto: onnx.ModelProto, model: ForceModel, card: ModelCard) -> None:
     session, _ = open_session(unlimited.SerializeToString(), 1, "the exported network")
 
     generator = np.random.default_rng(0)
-    images = generator.random((8, 1, card.image_height, card.image_width), dtype=np.float32)
-    images *= np.linspace(0, 1, 8, dtype=np.float32)[:, None, None, None]
+    given = {
+        name: generator.random((8, *shape), dtype=np.float32)  # one newton is as good as any
+        for name, shape in card.inputs.items()
+    }
+    given["image"] *= np.linspace(0, 1, 8, dtype=np.float32)[:, None, None, None]
     with torch.inference_mode():
-        raw = answers(model.network(torch.from_numpy(images))).forces * model.scale
-        expected = [raw.numpy(), model(torch.from_numpy(images))[1].numpy()]
-    found = session.run(["forces", "expected_error"], {"image": images})
+        tensors = [torch.from_numpy(array) for array in given.values()]
+        raw = answers(model.network(*tensors)).forces * model.scale
+        expected = [raw.numpy(), model(*tensors)[1].numpy()]
+    found = session.run(["forces", "expected_error"], given)
     for mine, true in zip(found, expected, strict=True):
         error = np.abs(np.asarray(mine) - true).max()
         limit = _TOLERANCE * max(1.0, float(np.abs(true).max()))

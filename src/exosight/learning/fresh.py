@@ -4,10 +4,10 @@ from collections.abc import Callable, Generator
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Integer, UInt8
+from jaxtyping import Float32, Int64, Integer, UInt8
 
 from exosight.errors import InputError
-from exosight.learning.samples import CONTACTS, Samples
+from exosight.learning.samples import CONTACTS, Samples, stacks
 
 
 class Block(NamedTuple):
@@ -17,6 +17,10 @@ class Block(NamedTuple):
     forces: Float32[np.ndarray, "frames 7"]
     """C1…C7 [N]"""
     auxiliary: Float32[np.ndarray, "frames auxiliary"]
+    u: Float32[np.ndarray, " frames"]
+    """actuation [N]"""
+    previous: Integer[np.ndarray, " frames"]
+    """the frame before each, by its place in the block"""
 
 
 Blocks = Callable[[int], Generator[Block, None, None]]
@@ -29,8 +33,8 @@ class Joined:
     def __init__(self, stored: np.ndarray, fresh: np.ndarray) -> None:
         self._stored, self._fresh = stored, fresh
 
-    def __getitem__(self, chosen: Integer[np.ndarray, " n"]) -> UInt8[np.ndarray, "n height width"]:
-        picked = np.empty((len(chosen), *self._stored.shape[1:]), np.uint8)
+    def __getitem__(self, chosen: Integer[np.ndarray, "*n"]) -> UInt8[np.ndarray, "*n height width"]:
+        picked = np.empty((*chosen.shape, *self._stored.shape[1:]), np.uint8)
         old = chosen < len(self._stored)
         picked[old] = self._stored[chosen[old]]
         picked[~old] = self._fresh[chosen[~old] - len(self._stored)]
@@ -45,18 +49,25 @@ class Shown(NamedTuple):
     auxiliary: Float32[np.ndarray, "frames auxiliary"]
     rows: Integer[np.ndarray, " n"]
     """those to learn from"""
+    stacks: Int64[np.ndarray, "frames stack"]
+    """rows of the images that are seen of each, its own first"""
+    u: Float32[np.ndarray, " frames"] | None
+    """actuation [N], for a network that is told it"""
 
 
-def shown(samples: Samples, block: Block | None, seed: int, epoch: int) -> Shown:
+def shown(samples: Samples, block: Block | None, past: int, seed: int, epoch: int) -> Shown:
     """The frames of one epoch: those of the block, and stored ones drawn at random up to the usual number.
 
     Epochs keep their length, and with it the schedule. A block of more frames than an epoch is cut.
 
+    past   earlier images that the network sees
+
     Raises InputError for a block of another image size.
     """
-    if block is None:
-        return Shown(samples.images, samples.forces, samples.auxiliary, samples.train_index)
     size, stored = samples.images.shape[1:], len(samples.images)
+    seen = stacks(samples.previous, past, stored)
+    if block is None:
+        return Shown(samples.images, samples.forces, samples.auxiliary, samples.train_index, seen, samples.u)
     if block.images.shape[1:] != size or block.forces.shape[1:] != (len(CONTACTS),):
         raise InputError(f"fresh frames: expected images of {size} pixels, got {block.images.shape[1:]}")
     usual = len(samples.train_index)
@@ -68,4 +79,6 @@ def shown(samples: Samples, block: Block | None, seed: int, epoch: int) -> Shown
         np.concatenate([samples.forces, block.forces]),
         np.concatenate([samples.auxiliary, block.auxiliary[:, : samples.auxiliary.shape[1]]]),
         np.concatenate([kept, fresh]),
+        np.concatenate([seen, stored + stacks(block.previous, past, len(block.images))]),
+        None if samples.u is None else np.concatenate([samples.u, block.u]),
     )

@@ -6,9 +6,11 @@ place in units of what is usual there and less what the image's noise explains: 
 those learned from, and more without limit for others.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Float32, UInt8
 from torch import Tensor, nn
 
 from exosight.learning.networks import ForceModel, Standardise
@@ -40,10 +42,10 @@ class Likeness(nn.Module):
         self.limit = limit
 
     def forward(
-        self, image: Float[Tensor, "batch 1 height width"], features: Float[Tensor, "batch features"]
+        self, image: Float[Tensor, "batch images height width"], features: Float[Tensor, "batch features"]
     ) -> Float[Tensor, " batch"]:
-        """The score of each image."""
-        picture = Standardise()(image)
+        """The score of each image; those before it had theirs when they were new."""
+        picture = _newest(image)
         misfit = _shrunk(picture) - features @ self.weight - self.bias
         # The diagonal details of 2×2 pixels: white noise has its full variance there, a picture next to none.
         # Averaged over 4×4 pixels, a sixteenth of it is left.
@@ -52,28 +54,49 @@ class Likeness(nn.Module):
         return ((misfit**2 - noise[:, None]) / self.usual**2).mean(1)
 
 
-def fit_likeness(model: ForceModel, images: UInt8[np.ndarray, "frames height width"]) -> Likeness:
-    """From frames that the network has not learned from: the map on every other, its misfit on the rest."""
-    features, pictures = _seen(model, images)
+def fit_likeness(
+    model: ForceModel,
+    images: UInt8[np.ndarray, "frames stack height width"],
+    u: Float32[np.ndarray, " frames"] | None = None,
+) -> Likeness:
+    """From frames that the network has not learned from: the map on every other, its misfit on the rest.
+
+    images   each with those before it, as many as the network sees
+    u        actuation [N], if the network is told it
+    """
+    features, pictures = _seen(model, images, u)
     mean = features[::2].mean(0)
     centred = features[::2] - mean
     gram = centred.T @ centred
     gram += _RIDGE * (gram.trace() / len(gram) + 1e-12) * torch.eye(len(gram), dtype=gram.dtype)
     weight = torch.linalg.solve(gram, centred.T @ (pictures[::2] - pictures[::2].mean(0)))
     bias = pictures[::2].mean(0) - mean @ weight
-    kept = images[1::2] if len(images) > 1 else images
-    features, pictures = _seen(model, kept)
+    rest = slice(1 if len(images) > 1 else 0, None, 2)
+    kept, loads = images[rest], None if u is None else u[rest]
+    features, pictures = _seen(model, kept, loads)
     usual = ((pictures - features @ weight - bias) ** 2).mean(0).sqrt() + _FAINT
     found = Likeness(weight.float(), bias.float(), usual.float(), limit=1.0)
-    noisy = add_noise(kept, NOISE, np.random.default_rng(0))
+    noisy = add_noise(kept.reshape(-1, *kept.shape[2:]), NOISE, np.random.default_rng(0)).reshape(kept.shape)
     scores = []
     with torch.inference_mode():
-        for start in range(0, len(noisy), _BATCH):
-            part = torch.from_numpy(noisy[start : start + _BATCH, None]).float() / 255
-            scores.append(found(part, model.features(part)))
+        for part, load in batches(noisy, loads):
+            scores.append(found(part, model.network.features(part, load)))
     # Of a handful of frames it may be below zero; the score of nothing but noise is.
     found.limit = max(1.0, float(np.quantile(torch.cat(scores).numpy(), SHARE)))
     return found
+
+
+def batches(
+    images: UInt8[np.ndarray, "frames stack height width"], u: Float32[np.ndarray, " frames"] | None
+) -> Iterator[tuple[Float[Tensor, "batch stack height width"], Float[Tensor, " batch"] | None]]:
+    """Images and u as a network takes them, some at a time."""
+    for start in range(0, len(images), _BATCH):
+        part = slice(start, start + _BATCH)
+        yield torch.from_numpy(images[part]).float() / 255, None if u is None else torch.from_numpy(u[part])
+
+
+def _newest(image: Float[Tensor, "batch images height width"]) -> Float[Tensor, "batch 1 height width"]:
+    return Standardise()(image if image.shape[1] == 1 else image[:, :1])
 
 
 def _shrunk(picture: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "batch places"]:
@@ -82,13 +105,14 @@ def _shrunk(picture: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "ba
 
 
 def _seen(
-    model: ForceModel, images: UInt8[np.ndarray, "frames height width"]
+    model: ForceModel,
+    images: UInt8[np.ndarray, "frames stack height width"],
+    u: Float32[np.ndarray, " frames"] | None,
 ) -> tuple[Float[Tensor, "frames features"], Float[Tensor, "frames places"]]:
     """Features and small pictures, in double precision."""
     features, pictures = [], []
     with torch.inference_mode():
-        for start in range(0, len(images), _BATCH):
-            part = torch.from_numpy(images[start : start + _BATCH, None]).float() / 255
-            features.append(model.features(part).double())
-            pictures.append(_shrunk(Standardise()(part)).double())
+        for part, load in batches(images, u):
+            features.append(model.network.features(part, load).double())
+            pictures.append(_shrunk(_newest(part)).double())
     return torch.cat(features), torch.cat(pictures)

@@ -9,11 +9,12 @@ import json
 import os
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import pydantic
 
 from exosight.errors import DataError
+from exosight.learning.config import MOST_PAST
 from exosight.learning.intervals import Widths
 
 # ModelProto.metadata_props (field 14, 74 bytes) = {key (field 1): "sha256", value (field 2): 64 hex digits}
@@ -43,7 +44,7 @@ class ModelCard:
     """of the training, the one with the lowest validation loss"""
     validation_l1: float
     """mean absolute error on the validation part [N]"""
-    training: dict[str, str | int | float]
+    training: dict[str, str | int | float | bool]
     """the settings of the training run"""
     data: dict[str, str | int | float]
     """identity of the frames learned from, camera included"""
@@ -51,6 +52,16 @@ class ModelCard:
     """of the intervals around its estimates"""
     unlike_limit: float
     """score beyond which an image is unlike those that it was trained for"""
+    past: Annotated[int, pydantic.Field(ge=0, le=MOST_PAST)] = 0
+    """earlier images that it sees beside the one it reads, as further channels, the newest first"""
+    actuation: bool = False
+    """whether it has a second input, u [N]"""
+
+    @property
+    def inputs(self) -> dict[str, list[int]]:
+        """Inputs of the network by name, and their shape after the batch."""
+        image = {"image": [1 + self.past, self.image_height, self.image_width]}
+        return {**image, "u": []} if self.actuation else image
 
 
 _CARD = pydantic.TypeAdapter(ModelCard)
@@ -110,14 +121,15 @@ def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
         raise DataError(f"{name}: ONNX Runtime cannot use this model ({str(error)[:200]})") from error
     texts = session.get_modelmeta().custom_metadata_map
     try:
-        card = _CARD.validate_python({field.name: _value(field.name, texts) for field in fields(ModelCard)})
-    except (KeyError, ValueError) as error:
+        named = {field.name for field in fields(ModelCard)} & texts.keys()
+        card = _CARD.validate_python({name: _value(name, texts) for name in named})
+    except ValueError as error:
         raise DataError(f"{name}: not an estimator of this version of exosight; export it again") from error
     inputs = [(node.name, node.type, node.shape[1:]) for node in session.get_inputs()]
     outputs = [(node.name, node.type, node.shape[1:]) for node in session.get_outputs()]
     shapes = ([len(card.contacts)],) * 3 + ([],)
     wanted = [(name, "tensor(float)", shape) for name, shape in zip(OUTPUTS, shapes, strict=True)]
-    if inputs != [("image", "tensor(float)", [1, card.image_height, card.image_width])] or outputs != wanted:
+    if inputs != [(name, "tensor(float)", shape) for name, shape in card.inputs.items()] or outputs != wanted:
         raise DataError(
             f"{name}: inputs {inputs} and outputs {outputs} do not fit its metadata; export it again"
         )

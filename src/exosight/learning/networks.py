@@ -13,7 +13,25 @@ ImageSize = tuple[int, int]
 """(height, width) [pixels]"""
 
 
-class PaperNetwork(nn.Sequential):
+class Network(nn.Sequential):
+    """Layers one after the other; the last tells the answers from the features."""
+
+    def forward(
+        self, input: Float[Tensor, "batch images height width"], u: Float[Tensor, " batch"] | None = None
+    ) -> Float[Tensor, "batch outputs"]:
+        """The answers; `u` [N] is for a network that is told it."""
+        return list(self)[-1](self.features(input, u))
+
+    def features(
+        self, input: Float[Tensor, "batch images height width"], u: Float[Tensor, " batch"] | None = None
+    ) -> Float[Tensor, "batch features"]:
+        """What the last layer sees."""
+        for layer in list(self)[:-1]:
+            input = layer(input, u) if isinstance(layer, Told) else layer(input)
+        return input
+
+
+class PaperNetwork(Network):
     """The published network: five 3×3 convolutions without padding, four max-pools, four dense layers.
 
     128×128 images only; 78,847 parameters, which needs batch normalisation after all five convolutions and
@@ -38,7 +56,7 @@ class PaperNetwork(nn.Sequential):
         super().__init__(*layers, nn.Linear(64, len(CONTACTS)))
 
 
-class LightNetwork(nn.Sequential):
+class LightNetwork(Network):
     """The default: a quarter of the paper's multiply-adds at 128×128 (39 M against 162 M), and more answers.
 
     The first convolution sees 4×4 pixels as 16 channels, so nothing of the picture is lost and nothing is
@@ -46,10 +64,20 @@ class LightNetwork(nn.Sequential):
     Beside the forces it answers, for each contact, how far off they may be and whether there is contact, and
     `auxiliary` further numbers that are only learned from, such as joint angles.
 
+    `past` earlier images are further channels, the newest first: what moved shows in the first convolution.
+    With `actuation`, u joins where the picture has become features, before they are rectified: it says
+    nothing of any one place, and the last layer can still weigh what is seen by it.
+
     Any image of 32 to 4096 pixels a side, in multiples of 4.
     """
 
-    def __init__(self, image_size: ImageSize = (128, 128), auxiliary: int = 0):
+    def __init__(
+        self,
+        image_size: ImageSize = (128, 128),
+        auxiliary: int = 0,
+        past: int = 0,
+        actuation: bool = False,
+    ):
         if min(image_size) < 32 or max(image_size) > 4096 or any(side % 4 for side in image_size):
             raise InputError(
                 "the light network needs images of 32 to 4096 pixels a side, in multiples of 4, "
@@ -60,7 +88,7 @@ class LightNetwork(nn.Sequential):
         super().__init__(
             Standardise(),
             nn.PixelUnshuffle(4),
-            _convolution(16, 48, 1),
+            _convolution(16 * (1 + past), 48, 1),
             _convolution(48, 64, 2),
             Residual(64),
             _convolution(64, 96, 2),
@@ -69,6 +97,7 @@ class LightNetwork(nn.Sequential):
             _convolution(96, 64, 2),
             nn.Flatten(),
             nn.Linear(64 * height * width, features),
+            *([Told(features)] if actuation else []),
             nn.ReLU(),
             nn.Linear(features, 3 * len(CONTACTS) + auxiliary),
         )
@@ -77,10 +106,26 @@ class LightNetwork(nn.Sequential):
 class Standardise(nn.Module):
     """Each image minus its mean, over its standard deviation: whatever the contrast, the same picture."""
 
-    def forward(self, image: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "batch 1 height width"]:
+    def forward(
+        self, image: Float[Tensor, "batch images height width"]
+    ) -> Float[Tensor, "batch images height width"]:
         """At a standard deviation under 1/100 of full scale the picture is left fainter than the others."""
         centred = image - image.mean((2, 3), keepdim=True)
         return centred / ((centred**2).mean((2, 3), keepdim=True) + 1e-4).sqrt()
+
+
+class Told(nn.Module):
+    """What u adds to features; over a path it spreads by about 1 N, so newtons need no scale."""
+
+    def __init__(self, features: int):
+        super().__init__()
+        self.share = nn.Linear(1, features)
+
+    def forward(
+        self, features: Float[Tensor, "batch features"], u: Float[Tensor, " batch"]
+    ) -> Float[Tensor, "batch features"]:
+        """Features + share(u)."""
+        return features + self.share(u[:, None])
 
 
 class Residual(nn.Module):
@@ -104,16 +149,22 @@ def _convolution(channels: int, filters: int, stride: int) -> nn.Sequential:
 NETWORKS = ("light", "paper")
 
 
-def build_network(name: str, image_size: ImageSize, auxiliary: int, seed: int) -> nn.Sequential:
+def build_network(
+    name: str, image_size: ImageSize, auxiliary: int, seed: int, past: int = 0, actuation: bool = False
+) -> Network:
     """Build a network whose first weights follow from the seed alone; the global generator is left as it was.
 
     auxiliary   further numbers that a light network learns; the paper's has the seven forces only
+    past        earlier images that a light network sees; the paper's sees one
+    actuation   whether a light network is told u; the paper's is not
 
     Raises InputError if the network cannot take images of that size.
     """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        return PaperNetwork(image_size) if name == "paper" else LightNetwork(image_size, auxiliary)
+        if name == "paper":
+            return PaperNetwork(image_size)
+        return LightNetwork(image_size, auxiliary, past, actuation)
 
 
 class Answers(NamedTuple):
@@ -142,7 +193,7 @@ def answers(output: Float[Tensor, "batch outputs"]) -> Answers:
 
 
 class ForceModel(nn.Module):
-    """A network with its units: images in [0, 1] to what is asked of an estimator.
+    """A network with its units: images in [0, 1], and u [N] if it is told, to what is asked of an estimator.
 
     Labels are magnitudes, so a negative force is always wrong and zero always nearer. The loss is taken
     before the limit, where the gradient never vanishes.
@@ -150,26 +201,20 @@ class ForceModel(nn.Module):
 
     scale: Tensor
 
-    def __init__(self, network: nn.Sequential, scale: Float[Tensor, "7"]):
+    def __init__(self, network: Network, scale: Float[Tensor, "7"]):
         super().__init__()
         self.network = network
         self.register_buffer("scale", scale)
 
     def forward(
-        self, image: Float[Tensor, "batch 1 height width"]
+        self, image: Float[Tensor, "batch images height width"], u: Float[Tensor, " batch"] | None = None
     ) -> tuple[Float[Tensor, "batch 7"], Float[Tensor, "batch 7"], Float[Tensor, "batch 7"]]:
         """Forces on C1…C7 [N], the error to be expected of each [N], and the probability of contact.
 
         A network that tells neither of the last two is taken to err by the same everywhere, and to see
         contact where it sees a force.
         """
-        return self.read(self.features(image))
-
-    def features(self, image: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "batch features"]:
-        """What the last layer sees of images."""
-        for layer in list(self.network)[:-1]:
-            image = layer(image)
-        return image
+        return self.read(self.network.features(image, u))
 
     def read(
         self, features: Float[Tensor, "batch features"]

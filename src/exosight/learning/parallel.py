@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from datetime import timedelta
-from typing import Literal
+from typing import Literal, cast
 
 import torch
 import torch.distributed as dist
@@ -26,7 +26,17 @@ from torch.distributed.rendezvous import rendezvous
 
 from exosight.errors import DataError, InputError
 from exosight.learning.fresh import Block
+from exosight.learning.networks import Network
 from exosight.learning.team import ALONE, Team
+
+_OF_A_BLOCK = (
+    (3, torch.uint8),
+    (2, torch.float32),
+    (2, torch.float32),
+    (1, torch.float32),
+    (1, torch.int64),
+)
+"""Dimensions and type of each array of a Block."""
 
 _PATIENCE = timedelta(minutes=30)
 """For the slowest process; one that ends is noticed at once."""
@@ -84,11 +94,11 @@ def join(wanted: Literal["auto", "cpu", "cuda"]) -> Iterator[Team]:
             dist.destroy_process_group()
 
 
-def whole_batch(team: Team, network: nn.Module) -> nn.Module:
+def whole_batch(team: Team, network: Network) -> Network:
     """The network, its batch normalisation made that of the whole batch where that is possible."""
     if team.size == 1 or team.device == "cpu":
         return network
-    return nn.SyncBatchNorm.convert_sync_batchnorm(network)
+    return cast(Network, nn.SyncBatchNorm.convert_sync_batchnorm(network))
 
 
 def add_up(team: Team, tensors: Iterable[Tensor]) -> None:
@@ -110,7 +120,7 @@ def share_block(team: Team, block: Block | None) -> Block:
     if team.size == 1 and block:
         return block
     found = []
-    for i, (dimensions, kind) in enumerate(((3, torch.uint8), (2, torch.float32), (2, torch.float32))):
+    for i, (dimensions, kind) in enumerate(_OF_A_BLOCK):
         shape = torch.tensor(block[i].shape if block else [0] * dimensions)
         share(team, [shape])
         array = torch.from_numpy(block[i]) if block else torch.empty(*shape.tolist(), dtype=kind)

@@ -20,6 +20,7 @@ from exosight.learning.checkpoint import (
     save_checkpoint,
 )
 from exosight.learning.history import HISTORY_NAME, EpochRecord, write_history
+from exosight.learning.networks import Network
 from exosight.learning.parallel import check_alike, whole_batch
 from exosight.learning.recipes import RECIPES
 from exosight.learning.team import Team
@@ -59,7 +60,7 @@ class Run:
         losses = (record.validation_loss for record in self.history)
         return min((loss for loss in losses if loss is not None), default=math.inf)
 
-    def averaged(self) -> nn.Sequential:
+    def averaged(self) -> Network:
         """The network with the running average of its weights, which is what is validated and kept."""
         network = self.identity.build_network().to(self.identity.settings.device)
         network.load_state_dict(self.average)

@@ -31,6 +31,10 @@ class Samples:
     """(m,) frames to validate on"""
     auxiliary: np.ndarray
     """(frames, n) float32, what else a network may learn to tell, in any units; n may be 0"""
+    u: np.ndarray | None = None
+    """(frames,) float32, actuation [N], for a network that is told it"""
+    previous: np.ndarray | None = None
+    """(frames,) the frame before each, or its own number, for a network that sees earlier images"""
 
 
 def check_samples(samples: Samples) -> None:
@@ -63,6 +67,19 @@ def check_samples(samples: Samples) -> None:
         )
     if not np.isfinite(extra).all():
         raise InputError("auxiliary: expected finite numbers, got NaN or infinity among them")
+    if samples.u is not None and not (
+        samples.u.shape == (len(images),) and samples.u.dtype == np.float32 and np.isfinite(samples.u).all()
+    ):
+        raise InputError(
+            f"u: expected {len(images)} finite float32 newtons, one an image, "
+            f"got {samples.u.dtype} {samples.u.shape}"
+        )
+    if samples.previous is not None:
+        if samples.previous.shape != (len(images),):
+            raise InputError(
+                f"previous: expected {len(images)} frame numbers, one an image, got {samples.previous.shape}"
+            )
+        indices["previous"] = (samples.previous, 1)
     for name, (index, least) in indices.items():
         if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
             raise InputError(f"{name}: expected a list of integers, got {index.dtype} {index.shape}")
@@ -75,6 +92,20 @@ def check_samples(samples: Samples) -> None:
     shared = np.intersect1d(samples.train_index, samples.validation_index).size
     if shared:
         raise InputError(f"train_index and validation_index share {shared} frames; split them apart")
+
+
+def stacks(
+    previous: Integer[np.ndarray, " frames"] | None, past: int, frames: int
+) -> Int64[np.ndarray, "frames stack"]:
+    """The images that a network sees of each frame, by number: its own, then those before it, newest first.
+
+    previous   the frame before each; its own number where there is none, which is then seen again instead
+    """
+    rows = [np.arange(frames)]
+    if previous is not None:
+        for _ in range(past):
+            rows.append(previous[rows[-1]])
+    return np.stack(rows, axis=1)
 
 
 def scale_of(values: Float32[np.ndarray, "frames n"]) -> Float64[np.ndarray, " n"]:
@@ -100,6 +131,8 @@ def fingerprint(samples: Samples) -> str:
     """SHA-256 over types, shapes and contents: tells a resumed run whether the data are the same."""
     digest = hashlib.sha256()
     for array in (getattr(samples, field.name) for field in fields(samples)):
+        if array is None:
+            continue
         digest.update(f"{array.dtype.str}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
     return digest.hexdigest()

@@ -33,6 +33,7 @@ from exosight.learning.samples import (
     epoch_batches,
     fingerprint,
     scale_of,
+    stacks,
 )
 from exosight.learning.team import ALONE, Team
 from exosight.machine import cores
@@ -81,6 +82,8 @@ def train(
     data_identity: Mapping[str, str | int | float],
     *,
     auxiliary: Float32[np.ndarray, "frames auxiliary"] | None = None,
+    u: Float32[np.ndarray, " loads"] | None = None,
+    previous: Integer[np.ndarray, " links"] | None = None,
     fresh: Blocks | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
@@ -95,6 +98,9 @@ def train(
     folder            gets `checkpoint.safetensors` and `history.csv`; other files in it are left alone
     data_identity     what the frames are (camera, seed, versions …): kept with the network for its whole life
     auxiliary         what else a light network learns to tell, as it helps to tell forces: joint angles, …
+    u                 actuation [N], for a network that is told it
+    previous          the frame before each on the way of its exosuit, or its own number where there is none,
+                      for a network that sees earlier images
     fresh             frames learned from in one epoch only, in place of as many of the others
     team              the processes that train together, each calling this alike; the first writes
 
@@ -103,11 +109,19 @@ def train(
     """
     if auxiliary is None:
         auxiliary = np.empty((len(images), 0), np.float32)
-    samples = Samples(images, forces, train_index, validation_index, auxiliary)
-    check_samples(samples)
     device = choose_device(config.device)
     threads = config.threads or max(1, cores() // team.neighbours)
     settings = resolve(replace(config, threads=threads), device, _precision(device))
+    if settings.actuation and u is None:
+        raise InputError("actuation: expected u of every image, got none; give u, or leave actuation out")
+    if settings.past and previous is None:
+        raise InputError("past: expected the frame before each, got none; give previous, or leave past out")
+    samples = Samples(
+        *(images, forces, train_index, validation_index, auxiliary),
+        u=u if settings.actuation else None,
+        previous=previous if settings.past else None,
+    )
+    check_samples(samples)
     _check_slices(len(train_index), settings.batch, team)
     if settings.network == "paper":
         samples = replace(samples, auxiliary=auxiliary[:, :0])
@@ -169,7 +183,7 @@ def _run_epoch(
     """Take a run from where it stands to the end of its epoch."""
     settings, epoch = run.identity.settings, run.position.epoch + 1
     started = time.perf_counter() - run.position.seconds
-    rate = _run_steps(run, shown(samples, block, settings.seed, epoch), started, progress)
+    rate = _run_steps(run, shown(samples, block, settings.past, settings.seed, epoch), started, progress)
     loss = l1 = None
     if epoch % run.recipe.validate_every == 0 or epoch == settings.epochs:
         loss, l1 = _validate(run, samples)
@@ -209,11 +223,12 @@ def _run_steps(run: Run, frames: Shown, started: float, progress: Callable[[Prog
     for chosen in batches[run.position.batch :]:
         rate = run.recipe.rate(settings.learning_rate, run.position.step, steps, run.history)
         mine = run.team.part(chosen)
-        images: np.ndarray = frames.images[mine]
+        images: np.ndarray = frames.images[frames.stacks[mine]]
         if run.recipe.augments:
             images = augment(images, settings.seed, epoch, run.position.batch, run.team.rank)
+        u = None if frames.u is None else frames.u[mine]
         part = len(mine) / len(chosen)
-        loss = _step(run, images, frames.forces[mine], frames.auxiliary[mine], rate, part)
+        loss = _step(run, images, u, frames.forces[mine], frames.auxiliary[mine], rate, part)
         _require_finite(loss, "loss", epoch, settings)
         now = time.perf_counter()
         run.position = replace(
@@ -233,7 +248,8 @@ def _run_steps(run: Run, frames: Shown, started: float, progress: Callable[[Prog
 
 def _step(
     run: Run,
-    images: UInt8[np.ndarray, "batch height width"] | Float32[np.ndarray, "batch height width"],
+    images: UInt8[np.ndarray, "batch stack height width"] | Float32[np.ndarray, "batch stack height width"],
+    u: Float32[np.ndarray, " batch"] | None,
     forces: Float32[np.ndarray, "batch 7"],
     auxiliary: Float32[np.ndarray, "batch auxiliary"],
     rate: float,
@@ -247,7 +263,7 @@ def _step(
     run.optimizer.zero_grad()
     low = settings.precision == "bfloat16"
     with torch.autocast(settings.device, torch.bfloat16, enabled=low):
-        output = run.network(_tensor(images, settings.device))
+        output = run.network(*_tensors(images, u, settings.device))
     loss = part * training_loss(
         answers(output.float()),
         torch.from_numpy(forces).to(settings.device) / run.scale,
@@ -277,12 +293,14 @@ def _validate(run: Run, samples: Samples) -> tuple[float, float]:
     share(run.team, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
     model = ForceModel(run.averaged(), run.scale).eval()
     settings, index = run.identity.settings, samples.validation_index
+    seen = stacks(samples.previous, settings.past, len(samples.images))
     totals = torch.zeros(2, dtype=torch.float64)
     with torch.inference_mode():
         for start in range(0, len(index), _VALIDATION_BATCH)[run.team.rank :: run.team.size]:
             chosen = index[start : start + _VALIDATION_BATCH]
             truth = torch.from_numpy(samples.forces[chosen]).to(settings.device)
-            forces, _, _ = model(_tensor(samples.images[chosen], settings.device))
+            u = None if samples.u is None else samples.u[chosen]
+            forces, _, _ = model(*_tensors(samples.images[seen[chosen]], u, settings.device))
             loss = force_loss(forces / run.scale, truth / run.scale, run.recipe.loss_corner)
             l1 = nn.functional.l1_loss(forces, truth)
             totals += torch.tensor([loss.item(), l1.item()], dtype=torch.float64) * len(chosen)
@@ -291,14 +309,16 @@ def _validate(run: Run, samples: Samples) -> tuple[float, float]:
     return loss, l1
 
 
-def _tensor(
-    images: UInt8[np.ndarray, "batch height width"] | Float32[np.ndarray, "batch height width"], device: str
-) -> Float[Tensor, "batch 1 height width"]:
-    """A batch of images in [0, 1]; grays stay uint8 in memory until here."""
+def _tensors(
+    images: UInt8[np.ndarray, "batch stack height width"] | Float32[np.ndarray, "batch stack height width"],
+    u: Float32[np.ndarray, " batch"] | None,
+    device: str,
+) -> tuple[Float[Tensor, "batch stack height width"], Float[Tensor, " batch"] | None]:
+    """A batch of images in [0, 1] and its u; grays stay uint8 in memory until here."""
     tensor = torch.from_numpy(images).to(device)
     if images.dtype == np.uint8:
         tensor = tensor.float().div_(255.0)
-    return tensor.unsqueeze(1)
+    return tensor, None if u is None else torch.from_numpy(u).to(device)
 
 
 def _check_slices(frames: int, batch: int, team: Team) -> None:

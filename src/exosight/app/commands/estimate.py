@@ -39,7 +39,7 @@ def estimate(
 
     if not images:
         raise InputError("estimate: expected at least one picture, got none; see exosight estimate --help")
-    estimator = OnnxEstimator.load(model or DEFAULT_MODEL)
+    estimator = OnnxEstimator.load(model or DEFAULT_MODEL, alone=True)
     card = estimator.card
     found = []
     for path in images:

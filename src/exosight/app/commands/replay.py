@@ -36,7 +36,7 @@ def replay(
     from exosight.control.recording import replay as run
 
     place = model or DEFAULT_MODEL
-    network = OnnxEstimator.load(place)
+    network = OnnxEstimator.load(place, alone=True)
     told = read_recording(recording)
     again = run(told, network.read)
     force = float(np.abs(again.forces - told.forces).max())

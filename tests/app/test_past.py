@@ -1,0 +1,157 @@
+"""Networks that see earlier images and are told u, from `exosight train` to the closed loop."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exosight.app import pipeline
+from exosight.app.evaluation import evaluate
+from exosight.app.pipeline import Data, fit, load
+from exosight.control import OnnxEstimator
+from exosight.control.estimator import Reading
+from exosight.dataset import make_split, previous
+from exosight.errors import InputError
+from exosight.learning import TrainConfig
+from exosight.learning.beside import APART, Beside
+from exosight.learning.intervals import Widths
+from exosight.learning.model_file import ModelCard
+from exosight.vision.corruptions import corrupt
+
+CONFIG = TrainConfig(epochs=1, batch=8, threads=1, past=2, actuation=True)
+
+
+@pytest.fixture(scope="session")
+def paths(data: Path) -> Data:
+    """The made-up dataset, each shape driven up 0, 0.5, 1 N and down to 0.5 N."""
+    made_up = load(data)
+    shapes = len(made_up.frames) // 4
+    u, loading = np.tile([0, 0.5, 1, 0.5], shapes), np.tile([1, 1, 1, -1], shapes)
+    frames = replace(made_up.frames, u=u.astype(np.float32), loading=loading.astype(np.int8))
+    return Data(made_up.manifest, frames)
+
+
+def card(paths: Data) -> ModelCard:
+    """Of a network that has learned from that dataset."""
+    split = make_split(paths.frames, "shape", 0)
+    size = paths.manifest.camera
+    return ModelCard(
+        exosight_version="0.1.0",
+        network="made up",
+        seed=0,
+        image_height=size.height,
+        image_width=size.width,
+        input="gray",
+        contacts=("C1", "C2", "C3", "C4", "C5", "C6", "C7"),
+        unit="N",
+        epoch=1,
+        validation_l1=0.0,
+        training={},
+        data=pipeline.identity(paths, split),
+        widths=Widths(((1.0,) * 7,) * 5, ((1.0,) * 7,) * 5),
+        unlike_limit=1.0,
+        past=2,
+        actuation=True,
+    )
+
+
+class Session:
+    """Answers nothing but small forces that differ."""
+
+    def run(self, _: list[str], given: dict[str, np.ndarray]) -> list[np.ndarray]:
+        forces = np.tile(given["u"][:, None] / 10 + given["image"].mean((1, 2, 3))[:, None], 7)
+        return [forces, np.ones_like(forces), np.ones_like(forces) / 2, np.zeros(len(forces), np.float32)]
+
+
+def test_evaluation_shows_each_frame_with_its_own_past(paths: Data, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Noise belongs to an image: the same one looks the same whether it is new or past."""
+    asked: list[tuple[np.ndarray, Beside]] = []
+    read = OnnxEstimator.read
+
+    def watched(self, images: np.ndarray, level: float = 0.9, beside: Beside | None = None) -> Reading:
+        assert beside is not None
+        asked.append((images, beside))
+        return read(self, images, level, beside)
+
+    monkeypatch.setattr(OnnxEstimator, "read", watched)
+    found = evaluate(OnnxEstimator(Session(), card(paths)), paths, seed=4)
+    test = make_split(paths.frames, "shape", 0).test
+    assert len(found.true) == len(test)
+    before = previous(paths.frames)
+    clean = paths.frames.images
+    noisy = clean.copy()
+    noisy[test] = corrupt(clean[test], "noise-high", 4)
+    shown = [pair for pair in asked if len(pair[0]) == len(test)]
+    for pictures in (clean, noisy):
+        (pair, *_) = [pair for pair in shown if np.array_equal(pair[0], pictures[test])]
+        assert pair[1].past is not None
+        assert np.array_equal(pair[1].past[:, 0], pictures[before[test]])
+        assert np.array_equal(pair[1].past[:, 1], pictures[before[before[test]]])
+        assert pair[1].u is not None
+        assert np.array_equal(pair[1].u, paths.frames.u[test])
+
+
+def test_training_gets_the_paths_of_all_datasets_and_of_fresh_shapes(
+    paths: Data, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    given: dict = {}
+
+    @contextmanager
+    def stream(*_: object, **__: object) -> Iterator:
+        yield iter([paths.frames] * 2)
+
+    def kept(*arguments: object, **options: Any) -> SimpleNamespace:
+        given.update(options, about=arguments[6], block=next(options["fresh"](0)))
+        return SimpleNamespace(history=())
+
+    def exported(*arguments: Any) -> None:
+        given["exported"] = arguments
+
+    monkeypatch.setattr(pipeline, "stream", stream)
+    monkeypatch.setattr("exosight.learning.train", kept)
+    monkeypatch.setattr("exosight.learning.export_onnx", exported)
+    split = make_split(paths.frames, "shape", 0)
+    fit(paths, split, CONFIG, tmp_path / "run", more=[paths], fresh=1, resume=False)
+    assert given["about"][APART] == 0.5
+    places = np.arange(len(given["previous"]))
+    assert len(places) > len(paths.frames)
+    assert np.array_equal(given["previous"], np.where(places % 4 == 0, places, places - 1))
+    assert len(given["u"]) == len(places)
+    assert np.array_equal(given["block"].previous, previous(paths.frames))
+    assert np.array_equal(given["block"].u, paths.frames.u)
+    _, _, images, _, beside = given["exported"]
+    own, before = split.validation, previous(paths.frames)
+    assert np.array_equal(images, paths.frames.images[own])
+    assert np.array_equal(beside.past[:, 1], paths.frames.images[before[before[own]]])
+    assert np.array_equal(beside.u, paths.frames.u[own])
+
+
+def test_commands_that_show_one_image_refuse_it(
+    paths: Data, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
+) -> None:
+    monkeypatch.setattr("exosight.control.estimator.open_model", lambda path, threads: (None, card(paths)))
+    for words in (
+        ("estimate", tmp_path / "image.png"),
+        ("replay", tmp_path / "run.h5"),
+        ("stress", "--episodes", 1),
+    ):
+        sentence = refused(*words, "--model", tmp_path / "model.onnx")
+        assert "expected a network that reads one image alone, got one that asks for past 2" in sentence
+
+
+def test_the_paper_network_is_refused(data: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
+    options = ("--network", "paper", "--actuation")
+    sentence = refused("train", "--data", data, "--out", tmp_path / "run", *options)
+    assert sentence.startswith("the paper network sees one image and nothing else")
+
+
+def test_frames_that_follow_no_path_have_no_past(paths: Data, tmp_path: Path) -> None:
+    still = replace(paths.frames, u=np.zeros_like(paths.frames.u))
+    split = make_split(still, "shape", 0)
+    with pytest.raises(InputError, match="expected frames along paths of u, got none after another"):
+        fit(Data(paths.manifest, still), split, CONFIG, tmp_path / "run", resume=False)

@@ -1,0 +1,102 @@
+"""What a network is shown beside an image in the loop: the same as along a path of its dataset."""
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from exosight.control import OnnxEstimator, from_image
+from exosight.control.memory import Memory
+from exosight.errors import InputError
+from exosight.learning.beside import APART
+from exosight.learning.intervals import Widths
+from exosight.learning.model_file import ModelCard
+from exosight.learning.samples import stacks
+
+CARD = ModelCard(
+    exosight_version="0.1.0",
+    network="made up",
+    seed=0,
+    image_height=4,
+    image_width=6,
+    input="gray",
+    contacts=("C1", "C2", "C3", "C4", "C5", "C6", "C7"),
+    unit="N",
+    epoch=1,
+    validation_l1=0.0,
+    training={},
+    data={APART: 0.16},
+    widths=Widths(((1.0,) * 7,) * 5, ((1.0,) * 7,) * 5),
+    unlike_limit=1.0,
+    past=2,
+    actuation=True,
+)
+
+
+def picture(gray: float) -> np.ndarray:
+    return np.full((4, 6), gray, np.uint8)
+
+
+def grays(memory: Memory, steps: list[tuple[float, int]]) -> list[list[int]]:
+    """The past, newest first, that is shown beside pictures of these grays under these u [N]."""
+    found = []
+    for u, gray in steps:
+        beside = memory.beside(picture(gray), u)
+        assert beside.past is not None
+        assert beside.past.shape == (1, 2, 4, 6)
+        assert beside.u is not None
+        assert beside.u == pytest.approx([u])
+        found.append(beside.past[0, :, 0, 0].tolist())
+    return found
+
+
+def test_along_a_path_it_shows_what_the_dataset_does() -> None:
+    rising = np.arange(5) * 0.16
+    u = np.concatenate([rising, rising[-2::-1]])
+    steps = list(zip(u.tolist(), range(len(u)), strict=True))
+    # The frame before each; at u = 0, where it is at rest, its own.
+    expected = stacks(np.array([0, 0, 1, 2, 3, 4, 5, 6, 8]), 2, 9)[:, 1:].tolist()
+    memory = Memory(CARD)
+    assert grays(memory, steps) == expected
+    assert grays(memory, steps) == expected  # at u = 0 it forgets the way before
+
+
+def test_resting_does_not_change_the_past_and_short_steps_are_not_remembered() -> None:
+    steps = [(0.0, 1), (0.2, 2), (0.4, 3), (0.4, 4), (0.4, 5), (0.45, 6), (0.62, 7)]
+    expected = [[1, 1], [1, 1], [2, 1], [2, 1], [2, 1], [2, 1], [3, 2]]
+    assert grays(Memory(CARD), steps) == expected
+
+
+def test_a_network_of_one_image_is_shown_nothing_beside() -> None:
+    beside = Memory(replace(CARD, past=0, actuation=False, data={})).beside(picture(1), 0.3)
+    assert (beside.past, beside.u) == (None, None)
+
+
+def test_a_model_that_does_not_tell_how_far_apart_is_refused() -> None:
+    with pytest.raises(InputError, match=f"how far its past images lie apart .{APART}."):
+        Memory(replace(CARD, data={}))
+
+
+@dataclass
+class Session:
+    """Answers C1 = the newest gray, C2 = the sum of the earlier ones, C3 = u."""
+
+    given: list[dict[str, np.ndarray]] = field(default_factory=list)
+
+    def run(self, _: list[str], given: dict[str, np.ndarray]) -> list[Any]:
+        self.given.append(given)
+        forces = np.zeros((len(given["u"]), 7), np.float32)
+        gray = 255 * given["image"][:, :, 0, 0]
+        forces[:, 0], forces[:, 1], forces[:, 2] = gray[:, 0], gray[:, 1:].sum(axis=1), given["u"]
+        return [forces, np.ones_like(forces), np.ones_like(forces), np.zeros(len(forces), np.float32)]
+
+
+def test_the_loop_shows_a_network_all_that_it_asks_for(toy) -> None:
+    plant, session = toy(0.1), Session()
+    measure = from_image(OnnxEstimator(session, CARD))
+    # Grays are 10 u: 0, 5, 10.
+    found = [measure(plant.look(u)) for u in (0.0, 0.5, 1.0)]
+    # Single precision of grays in [0, 1].
+    assert found == pytest.approx([0, 5 + 0 + 0.5, 10 + 5 + 0 + 1.0], abs=1e-4)
+    assert [given["image"].shape for given in session.given] == [(1, 3, 4, 6)] * 3

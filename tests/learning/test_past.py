@@ -1,0 +1,200 @@
+"""A network that sees earlier images and is told u: what it can tell, what it asks for, its export."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from pydantic import TypeAdapter, ValidationError
+
+from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+from exosight.errors import InputError
+from exosight.learning import TrainConfig, export_onnx, load_model, train
+from exosight.learning.beside import Beside, stacked
+from exosight.learning.checkpoint import load_checkpoint
+from exosight.learning.config import MOST_PAST, Settings
+from exosight.learning.samples import Samples, stacks
+
+PAST = 2
+TRAINED = np.arange(192)
+JUDGED = np.arange(192, 288)
+
+
+@pytest.fixture(scope="module")
+def moving() -> Samples:
+    """A blob that goes left or right in paths of four frames: C1 is its way, which no single frame tells.
+
+    C2 is where it is, and C3 is u, which no frame tells at all.
+    """
+    rng = np.random.default_rng(3)
+    paths, count = 72, 4
+    y, x = np.mgrid[:32, :32] / 32
+    way = rng.choice([-1.0, 1.0], paths)
+    place = rng.uniform(0.4, 0.6, paths)[:, None] + 0.06 * way[:, None] * (np.arange(count) - 1.5)
+    place = place.ravel()[:, None, None]
+    images = (255 * np.exp(-((x - place) ** 2 + (y - 0.5) ** 2) / 0.02)).astype(np.uint8)
+    forces = np.zeros((len(images), 7), np.float32)
+    u = rng.uniform(0, 4, len(images)).astype(np.float32)
+    # The first of a path sees itself only: nothing tells its way.
+    forces[:, 0] = np.where(np.arange(len(images)) % count == 0, 1.0, 1.0 + np.repeat(way, count))
+    forces[:, 1] = place[:, 0, 0]
+    forces[:, 2] = u
+    places = np.arange(len(images))
+    return Samples(
+        *(images, forces, TRAINED, JUDGED, forces[:, :0]),
+        u=u,
+        previous=np.where(places % count == 0, places, places - 1),
+    )
+
+
+def run(samples: Samples, folder: Path, identity: dict, config: TrainConfig, **options) -> Path:
+    index = samples.train_index, samples.validation_index
+    told = {"u": samples.u, "previous": samples.previous, **options}
+    train(config, samples.images, samples.forces, *index, folder, identity, **told)
+    return folder
+
+
+PLAIN = TrainConfig(epochs=12, batch=16, threads=1, precision="float32")
+KNOWING = replace(PLAIN, past=PAST, actuation=True)
+
+
+@pytest.fixture(scope="module")
+def knowing(moving: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run(moving, tmp_path_factory.mktemp("past") / "run", {"shapes": 3}, KNOWING)
+
+
+def shown(samples: Samples, rows: np.ndarray) -> tuple[np.ndarray, Beside]:
+    """Images of some frames, and all that may be shown beside them."""
+    assert samples.u is not None
+    seen = stacks(samples.previous, PAST, len(samples.images))[rows]
+    return samples.images[rows], Beside(samples.images[seen[:, 1:]], samples.u[rows])
+
+
+@pytest.fixture(scope="module")
+def exported(knowing: Path, moving: Samples) -> Path:
+    images, beside = shown(moving, JUDGED)
+    export_onnx(knowing, knowing / "model.onnx", images, moving.forces[JUDGED], beside)
+    return knowing / "model.onnx"
+
+
+def error(estimated: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Mean absolute error of C1 to C3, in units of what a constant answer has."""
+    usual = np.abs(true - np.median(true, axis=0)).mean(axis=0)[:3]
+    return np.abs(estimated - true).mean(axis=0)[:3] / usual
+
+
+def test_it_tells_what_one_image_cannot(knowing: Path, moving: Samples) -> None:
+    """Which way it moves, and u: with the past or the u of another frame, it is as wrong as a constant."""
+    truth = moving.forces[JUDGED]
+    images, beside = shown(moving, JUDGED)
+    assert beside.past is not None
+    assert beside.u is not None
+    other = np.random.default_rng(0).permutation(len(images))
+    model = load_model(knowing)
+
+    def answered(past: np.ndarray, u: np.ndarray) -> np.ndarray:
+        stack = stacked(images, Beside(past, u))
+        with torch.inference_mode():
+            return model(torch.from_numpy(stack).float() / 255, torch.from_numpy(u))[0].numpy()
+
+    assert error(answered(beside.past, beside.u), truth).max() < 0.5
+    assert error(answered(beside.past[other], beside.u), truth)[0] > 0.9
+    assert error(answered(beside.past, beside.u[other]), truth)[2] > 0.9
+
+
+def test_export_agrees_with_the_network(exported: Path, knowing: Path) -> None:
+    rng = np.random.default_rng(1)
+    images = rng.integers(0, 256, (70, 32, 32), np.uint8)
+    beside = Beside(rng.integers(0, 256, (70, PAST, 32, 32), np.uint8), rng.uniform(0, 4, 70).astype("f4"))
+    assert beside.u is not None
+    estimator = OnnxEstimator.load(exported)
+    assert estimator.card.inputs == {"image": [1 + PAST, 32, 32], "u": []}
+    assert (estimator.card.past, estimator.card.actuation) == (PAST, True)
+    assert estimator.card.input.startswith(
+        "gray image, float32 in 0…1, (batch, 3, height, width), the newest"
+    )
+    found = estimator.read(images, beside=beside)
+    with torch.inference_mode():
+        stack = torch.from_numpy(stacked(images, beside)).float() / 255
+        forces, _, contact = load_model(knowing)(stack, torch.from_numpy(beside.u))
+    # Batch normalisation is folded into the convolutions, so float32 rounds elsewhere.
+    np.testing.assert_allclose(found.forces, forces.numpy(), atol=1e-5)
+    np.testing.assert_allclose(found.contact, contact.numpy(), atol=1e-5)
+
+
+def test_without_what_it_asks_for_it_says_what_to_give(
+    exported: Path, knowing: Path, moving: Samples, tmp_path: Path
+) -> None:
+    estimator = OnnxEstimator.load(exported)
+    images, beside = shown(moving, JUDGED[:4])
+    expected = r"expects past uint8 \(4, 2, 32, 32\) and u \[N\] float32 \(4,\), got "
+    for wrong, got in (
+        (Beside(), "no past and no u;"),
+        (replace(beside, u=None), r"past uint8 \(4, 2, 32, 32\) and no u;"),
+        (replace(beside, past=images[:, None]), r"past uint8 \(4, 1, 32, 32\) and u"),
+    ):
+        with pytest.raises(InputError, match=expected + got):
+            estimator.read(images, beside=wrong)
+    with pytest.raises(InputError, match="u: expected finite newtons"):
+        estimator.read(images, beside=replace(beside, u=np.full(4, np.nan, np.float32)))
+    with pytest.raises(InputError, match=r"reads one image alone, .* past 2 and actuation True; give"):
+        OnnxEstimator.load(exported, alone=True)
+    with pytest.raises(InputError, match=r"got no past and no u"):
+        export_onnx(knowing, tmp_path / "model.onnx", images, moving.forces[JUDGED[:4]])
+    assert not (tmp_path / "model.onnx").exists()
+
+
+def test_a_network_of_one_image_is_shown_nothing_else() -> None:
+    """That of the package was made before networks could see more."""
+    estimator = OnnxEstimator.load(DEFAULT_MODEL, alone=True)
+    assert estimator.card.inputs == {"image": [1, 128, 128]}
+    with pytest.raises(InputError, match=r"expects no past and no u, got no past and u \[N\] float32 \(1,\)"):
+        estimator.read(np.zeros((1, 128, 128), np.uint8), beside=Beside(u=np.zeros(1, np.float32)))
+
+
+@pytest.mark.parametrize(("options", "told"), [({"past": 1}, "previous"), ({"actuation": True}, "u")])
+def test_training_needs_what_the_network_is_to_see(
+    moving: Samples, tmp_path: Path, identity: dict, options: dict, told: str
+) -> None:
+    with pytest.raises(InputError, match=f"got none; give {told}"):
+        run(moving, tmp_path / "run", identity, replace(PLAIN, **options), **{told: None})
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("options", [{"past": 1}, {"actuation": True}])
+def test_the_paper_network_sees_one_image(
+    moving: Samples, tmp_path: Path, identity: dict, options: dict
+) -> None:
+    with pytest.raises(InputError, match="the paper network sees one image and nothing else"):
+        run(moving, tmp_path / "run", identity, TrainConfig(network="paper", **options))
+
+
+def test_there_is_an_end_to_the_past() -> None:
+    with pytest.raises(ValidationError):
+        TrainConfig(past=MOST_PAST + 1)
+
+
+def test_a_stopped_run_goes_on_exactly(moving: Samples, tmp_path: Path, identity: dict) -> None:
+    class Killed(Exception):
+        pass
+
+    def kill(at) -> None:
+        if at.step == 8:  # within the first of two epochs of twelve steps
+            raise Killed
+
+    config = replace(KNOWING, epochs=2)
+    run(moving, tmp_path / "whole", identity, config)
+    with pytest.raises(Killed):
+        run(moving, tmp_path / "stopped", identity, config, progress=kill)
+    run(moving, tmp_path / "stopped", identity, config, resume=True)
+    whole, stopped = (load_checkpoint(tmp_path / name).tensors for name in ("whole", "stopped"))
+    assert all(torch.equal(tensor, stopped[name]) for name, tensor in whole.items())
+    with pytest.raises(InputError, match="its past is 2, asked for is 1"):
+        run(moving, tmp_path / "stopped", identity, replace(config, past=1), resume=True)
+
+
+def test_settings_that_were_saved_before_there_was_past_are_read_as_without(trained: Path) -> None:
+    settings = load_checkpoint(trained).run.settings
+    saved = {name: value for name, value in asdict(settings).items() if name not in ("past", "actuation")}
+    assert TypeAdapter(Settings).validate_python(saved) == settings
