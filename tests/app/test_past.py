@@ -1,6 +1,6 @@
 """Networks that see earlier images and are told u, from `exosight train` to the closed loop."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -71,14 +71,13 @@ class Session:
 def test_evaluation_shows_each_frame_with_its_own_past(paths: Data, monkeypatch: pytest.MonkeyPatch) -> None:
     """Noise belongs to an image: the same one looks the same whether it is new or past."""
     asked: list[tuple[np.ndarray, Beside]] = []
-    read = OnnxEstimator.read
+    read = OnnxEstimator.read_levels
 
-    def watched(self, images: np.ndarray, level: float = 0.9, beside: Beside | None = None) -> Reading:
-        assert beside is not None
+    def watched(self, images: np.ndarray, levels: Sequence[float], beside: Beside) -> dict[float, Reading]:
         asked.append((images, beside))
-        return read(self, images, level, beside)
+        return read(self, images, levels, beside)
 
-    monkeypatch.setattr(OnnxEstimator, "read", watched)
+    monkeypatch.setattr(OnnxEstimator, "read_levels", watched)
     found = evaluate(OnnxEstimator(Session(), card(paths)), paths, seed=4)
     test = make_split(paths.frames, "shape", 0).test
     assert len(found.true) == len(test)

@@ -1,6 +1,6 @@
 """A network judged on a dataset: its scores beside the paper's, as tables, figures and files."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -41,7 +41,7 @@ from exosight.learning.intervals import LEVELS
 from exosight.vision.corruptions import CORRUPTIONS, corrupt
 
 Images = UInt8[np.ndarray, "frames height width"]
-Read = Callable[[Images, float], Reading]
+Read = Callable[[Images, Sequence[float]], dict[float, Reading]]
 
 USUAL = 0.9
 """Share of true forces that the intervals shown for degraded images promise to hold."""
@@ -143,19 +143,19 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
     pictures, true = frames.images[seen], frames.forces[index]
     images = pictures[: len(index)]
 
-    def look(pictures: Images, level: float) -> Reading:
+    def look(pictures: Images, levels: Sequence[float]) -> dict[float, Reading]:
         own = beside(pictures, place[rows], frames.u[index], card)
-        return estimator.read(pictures[: len(index)], level, own)
+        return estimator.read_levels(pictures[: len(index)], levels, own)
 
     def unlike(others: Images, where: Int[np.ndarray, " frames"]) -> Float32[np.ndarray, " frames"]:
         own = beside(pictures, place[rows[where]], frames.u[index[where]], card)
         return estimator.read(others, beside=own).unlike
 
-    with _counted(look, (len(CORRUPTIONS) + len(LEVELS)) * len(seen)) as read:
-        clean = {level: read(pictures, level) for level in LEVELS}
+    with _counted(look, (1 + len(CORRUPTIONS)) * len(seen)) as read:
+        clean = read(pictures, LEVELS)
         usual = clean[USUAL]
         ends = {level: (reading.low, reading.high) for level, reading in clean.items()}
-        degraded = {name: read(corrupt(pictures, name, seed), USUAL) for name in CORRUPTIONS}
+        degraded = {name: read(corrupt(pictures, name, seed), (USUAL,))[USUAL] for name in CORRUPTIONS}
         return Evaluation(
             frames=f"{len(index)} frames: {meaning}",
             true=true,
@@ -215,9 +215,9 @@ def _counted(read: Read, total: int) -> Iterator[Read]:
     done = 0
     with progress("judging", "images") as update:
 
-        def counted(images: Images, level: float) -> Reading:
+        def counted(images: Images, levels: Sequence[float]) -> dict[float, Reading]:
             nonlocal done
-            answer = read(images, level)
+            answer = read(images, levels)
             done += len(images)
             update(done, total)
             return answer

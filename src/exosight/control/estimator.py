@@ -1,6 +1,6 @@
 """Contact forces from images: the interface that control sees, and the trained network behind it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -107,6 +107,12 @@ class OnnxEstimator:
         Raises InputError for images of another type or size, or something else beside them; DataError if the
         network answers no number.
         """
+        return self.read_levels(images, (level,), beside)[level]
+
+    def read_levels(
+        self, images: np.ndarray, levels: Sequence[float], beside: Beside = NOTHING
+    ) -> dict[float, Reading]:
+        """The same with the intervals of several levels, for the work of one: level → reading."""
         size = (self.card.image_height, self.card.image_width)
         if images.dtype != np.uint8 or images.ndim != 3 or images.shape[1:] != size:
             raise InputError(
@@ -126,5 +132,10 @@ class OnnxEstimator:
         if not (np.isfinite(found).all() and np.isfinite(unlike).all()):
             raise DataError("the network answers forces that are not finite; train and export it again")
         forces, expected_error, contact = found
-        low, high = interval(self.card.widths, level, forces, expected_error)
-        return Reading(forces, low, high, contact, unlike / np.float32(self.card.unlike_limit))
+        unlike /= np.float32(self.card.unlike_limit)
+        return {
+            level: Reading(
+                forces, *interval(self.card.widths, level, forces, expected_error), contact, unlike
+            )
+            for level in levels
+        }
