@@ -41,7 +41,10 @@ notes = _Console(stderr=True, highlight=False)
 class _Rate(ProgressColumn):
     def render(self, task: Task) -> Text:
         done, seconds = task.completed - task.fields["before"], task.elapsed
-        return Text(f"{done / seconds:.1f} {task.fields['unit']}/s" if done and seconds else "")
+        if not (done and seconds):
+            return Text("")
+        rate = done / seconds
+        return Text(f"{rate:{'.1f' if rate >= 1 else '.2g'}} {task.fields['unit']}/s")
 
 
 @contextmanager
@@ -50,12 +53,12 @@ def progress(description: str, unit: str) -> Iterator[Callable[[int, int], None]
     columns = (
         TextColumn("{task.description}"),
         BarColumn(bar_width=None),
-        MofNCompleteColumn(),
+        MofNCompleteColumn(table_column=Column(no_wrap=True)),
         _Rate(table_column=Column(no_wrap=True)),
-        TimeElapsedColumn(),
+        TimeElapsedColumn(table_column=Column(no_wrap=True)),
         TextColumn("left"),
-        TimeRemainingColumn(),
-    )
+        TimeRemainingColumn(table_column=Column(no_wrap=True)),
+    )  # where lines are short the bar alone gives way, not the numbers
     bars = Progress(*columns, console=notes, expand=True)
     started = False
 
