@@ -1,8 +1,8 @@
 """What a network makes of other exosuits, fingers and cameras than those it learned from.
 
-    python -m benchmarks.shifts DATA [--model MODEL] [--out docs/results/shifts.json]
+    python -m benchmarks.shifts DATA [--model MODEL] [--out FILE]
 
-The exosuits of the network's own test part of DATA are worn and seen anew, one thing changed at a time,
+Every third exosuit of the network's own test part of DATA is worn and seen anew, one thing changed at a time,
 evenly between the limits below. Beside the errors: whether intervals that promise 90 % still hold so much,
 how many frames the score for unlike pictures turns away, and the errors on the others.
 """
@@ -29,7 +29,7 @@ from exosight.exosuit.scenarios import SampledShape
 from exosight.exosuit.variation import PlantVariation
 from exosight.vision import AppearanceVariation, LightingVariation
 
-RESULT = Path(__file__).parents[1] / "docs" / "results" / "shifts.json"
+RESULT = Path(__file__).parents[1] / "docs" / "results" / "accuracy" / "shifts.json"
 PROMISED = 0.9
 GROUP = 64  # shapes simulated together: bounds the memory
 
@@ -99,7 +99,7 @@ def run(data: Data, estimator: OnnxEstimator, shifts: Iterable[str] = SHIFTS) ->
     """Name of each shift → what `judge` says."""
     config = TypeAdapter(GenerateConfig).validate_python(data.manifest.config)
     index, _ = test_part(estimator.card, data)
-    known = set(np.unique(data.frames.shape_id[index]).tolist())
+    known = set(np.unique(data.frames.shape_id[index])[::3].tolist())
     shapes = [sampled for sampled in sampled_shapes(data.manifest) if sampled.shape_id in known]
     found = {}
     for name in shifts:
