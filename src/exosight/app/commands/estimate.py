@@ -59,8 +59,8 @@ def estimate(
         found.append({"image": str(path), "F_net_N": net, "unlike": unlike, "contacts": rows})
         if json is None:
             cells = tuple(tuple(row.values()) for row in rows)
-            show(Table("forces", f"{path}, {100 * level:g} % intervals", _COLUMNS, cells))
-            say(f"F_net {net:.3f} N")
+            note = f"F_net {net:.3f} N"
+            show(Table("forces", f"{path}, {100 * level:g} % intervals", _COLUMNS, cells, note))
             if unlike > 1:
                 say(
                     f"do not trust these: the picture is unlike those learned from (score {unlike:g}, "
