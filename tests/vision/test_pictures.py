@@ -39,8 +39,10 @@ def test_a_large_picture_shrinks_to_the_means_of_its_blocks(tmp_path: Path) -> N
 
 def test_another_aspect_ratio_is_refused(tmp_path: Path) -> None:
     path = write(tmp_path / "a.png", np.zeros((100, 200), np.uint8))
-    with pytest.raises(DataError, match=r"expected the aspect ratio 128:128, got 200×100 pixels; crop it"):
+    with pytest.raises(DataError, match=r"expected a square picture, got 200×100 pixels; crop it"):
         read_gray(path, 128, 128)
+    with pytest.raises(DataError, match=r"expected the aspect ratio 160:120, got 200×100 pixels; crop it"):
+        read_gray(path, 160, 120)
 
 
 def test_one_pixel_more_on_a_side_is_no_other_aspect_ratio(tmp_path: Path) -> None:
