@@ -148,6 +148,8 @@ def test_negative_numbers_are_numbers() -> None:
         ("generate --out o --frames 1.5", "--frames: expected a whole number, got '1.5'"),
         ("generate --out o --frames 1", "--frames: input should be greater than or equal to 2, got 1"),
         ("generate --out o --young nan", "--young: input should be less than or equal to 1000000000"),
+        ("generate --out o --plant.young 2", "--plant.young: expected FLOAT FLOAT, got '2'; see"),
+        ("generate --out o --plant.young 2 1", "--plant.young: expected the lower limit first, got (2"),
         ("generate --out o --camera.width 0", "--camera.width: input should be greater than or equal to 1"),
         ("train", "expected --data PATH and --out PATH, got none; see exosight train --help"),
         ("train --data d --out o --network big", "--network: expected one of 'light', 'paper', got 'big'"),

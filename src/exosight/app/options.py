@@ -111,11 +111,13 @@ _PLAINER = (
     (r"invalid literal for int\(\) with base 10:", "expected a whole number, got"),
     (r"could not convert string to float:", "expected a number, got"),
     (r"Could not find valid parse for arguments: \[(.*)\]", r"expected numbers, got \1"),
+    (r"no type matching \{(.*?)\} could be instantiated from \[(.*)\]", r"expected \1, got \2"),
     (r"no type matching (\S+) could be instantiated from \[(.*)\]", r"expected \1, got \2"),
     (
         r"^(\S+): \d+ validation errors? for \w+ (\S+) (.*?) \[type=.*?input_value=(.*?), input_type.*",
         r"--\1.\2: \3, got \4",
     ),
     (r": Input", ": input"),
+    (r": Value error, ", ": "),
 )
 """Words of Tyro and of the parsers below it → ours. What is not listed is shown as it comes."""
