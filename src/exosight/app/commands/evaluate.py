@@ -27,8 +27,7 @@ def evaluate(
     Args:
         model: exported network, from `exosight train`
         data: folder of a dataset
-        out: folder for tables and estimates (CSV, JSON), figures (HTML page) and configuration; it must not
-            exist
+        out: folder for tables, estimates (CSV, JSON), figures (HTML) and configuration; it must not exist
         seed: seed of the noise, and of what is unlike
         json: write the scores as JSON to a new file, or to stdout with "-", instead of tables
     """

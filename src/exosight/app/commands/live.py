@@ -51,8 +51,7 @@ def live(
         rate: steps a second [Hz]
         send: write u [N] there, one line a step: a serial device, a named pipe, a new file, or "-" for stdout
         record: new file (HDF5) for all that is seen, estimated and done; exosight replay reads it
-        crop: part of the camera's picture that the network is shown [pixels]; by default the largest in the
-            middle
+        crop: part of the camera's picture that the network is shown [pixels]; default: the largest
         r0: radius of the exosuit at its base [m], 0.004…0.01
         r1: radius at its tip [m], 0.004…0.01
         length: its length [m], 0.07…0.11

@@ -27,8 +27,7 @@ def study(
 
     Args:
         out: folder of the study; it must not exist, unless --resume
-        preset: quick (the default): 110 shapes and the light network, some minutes; paper: 1375 shapes and
-            both networks, hours
+        preset: quick (default): 110 shapes, light network, minutes; paper: 1375 shapes, both networks, hours
         config: a study.json, instead of a preset
         resume: go on with the study that the folder holds; done stages are not repeated
     """

@@ -50,7 +50,7 @@ class StressConfig:
     bursts: Annotated[int, Field(ge=0, le=10)] = 2
     """spells of up to 1 s of noise or of something in front of the camera, in each episode"""
     wrong_plant: bool = True
-    """modulus, finger and mount differ from those that the controller was tuned for, see WRONG_PLANT"""
+    """modulus, finger and mount differ from those that the controller was tuned for"""
     wrong_camera: bool = True
     """in every third episode the camera stands up to 2 mm off and is up to 3 % too near or too far"""
     moving_user: bool = True
