@@ -2,13 +2,14 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from rich import box
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -85,7 +86,29 @@ def waiting(words: str) -> Status:
 
 
 def show(table: Table) -> None:
-    """Print one table of numbers with their units."""
+    """Print one table of numbers with their units; on its side if only so a line has room for its words."""
+    cells = [
+        [cell_text(cell, column) for cell, column in zip(row, table.columns, strict=True)]
+        for row in table.rows
+    ]
+    heads = [
+        "\n".join(filter(None, (column.group, column.name, f"[{column.unit}]" if column.unit else "")))
+        for column in table.columns
+    ]
+    drawn = _drawn(table, heads, cells)
+    if cells and not _fits(drawn):
+        first, *names = zip(*cells, strict=True)
+        sides = [[head.replace("\n", " "), *values] for head, values in zip(heads[1:], names, strict=True)]
+        turned = _drawn(table, [heads[0], *first], sides)
+        drawn = turned if _fits(turned) else drawn
+    out.print(drawn)
+
+
+def _fits(drawn: RichTable) -> bool:
+    return Measurement.get(out, out.options.update(max_width=10_000), drawn).minimum <= out.width
+
+
+def _drawn(table: Table, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> RichTable:
     rich = RichTable(
         title=table.caption,
         caption=table.note or None,
@@ -96,13 +119,11 @@ def show(table: Table) -> None:
         pad_edge=False,
         show_edge=False,
     )
-    for i, column in enumerate(table.columns):
-        words = (column.group, column.name, f"[{column.unit}]" if column.unit else "")
-        head = Text("\n".join(word for word in words if word))
-        rich.add_column(head, justify="left" if i == 0 else "right", vertical="bottom")
-    for row in table.rows:
-        rich.add_row(*(cell_text(cell, column) for cell, column in zip(row, table.columns, strict=True)))
-    out.print(rich)
+    for i, head in enumerate(heads):
+        rich.add_column(Text(head), justify="left" if i == 0 else "right", vertical="bottom")
+    for row in rows:
+        rich.add_row(*row)
+    return rich
 
 
 def say(text: str) -> None:

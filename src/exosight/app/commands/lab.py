@@ -8,7 +8,7 @@ import tyro
 from pydantic import Field
 
 from exosight.app.commands.options import MaybePath
-from exosight.app.console import say
+from exosight.app.console import say, waiting
 from exosight.app.output import new_folder
 from exosight.errors import InputError
 from exosight.lab.settings import View, shape_of
@@ -44,7 +44,7 @@ def lab(
     if out is not None:
         from exosight.lab.saving import write_view
 
-        with new_folder(out) as folder:
+        with new_folder(out) as folder, waiting("solving; the first time on a machine compiles"):
             write_view(view, folder)
         say(f"wrote {out}")
         return
