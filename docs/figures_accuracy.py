@@ -1,0 +1,212 @@
+"""The tables and picture of docs/accuracy.md, from docs/results/accuracy/*.json; the numbers:
+
+DATA is `exosight generate --per-scenario 125`; each NAME.json but the last is
+`exosight evaluate --model results/NAME/model.onnx --data DATA --json docs/results/accuracy/NAME.json`, after
+
+shape              nothing: --model src/exosight/models/light.onnx
+frame              exosight train --data DATA --out results/frame --protocol frame --recipe clean --epochs 80
+paper              … --protocol frame --network paper --epochs 2
+without_FAMILY     … --epochs 6 --protocol family --held-out FAMILY
+longer             … --epochs 13 --protocol family --held-out sine_cosine
+shifts             python -m benchmarks.shifts DATA
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from _parts.pages import fill, table_of
+from matplotlib.figure import Figure
+
+from exosight.evaluation.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
+from exosight.exosuit.shapes import FAMILIES
+
+HERE = Path(__file__).parent
+PAGE, RESULTS, IMAGE = HERE / "accuracy.md", HERE / "results" / "accuracy", HERE / "images" / "accuracy.png"
+CASES = ("clean", "noise, low", "noise, medium", "noise, high", "contrast, low", "contrast, high")
+IMAGES = ("clean", "noise 0.001", "noise 0.01", "noise 0.1", "low contrast", "high contrast")
+DEGRADED = {
+    "shape": "shipped (noise and contrast learned), unseen shapes",
+    "frame": "light, clean images only, by frame",
+    "paper": "paper's network, clean images only, 2 epochs, by frame",
+}
+
+Found = Mapping[str, Any]
+
+
+def load() -> dict[str, Any]:
+    """Every file of numbers, by name."""
+    return {path.stem: json.loads(path.read_text()) for path in sorted(RESULTS.glob("*.json"))}
+
+
+def tables(found: Found) -> dict[str, str]:
+    """The page's tables, by name."""
+    return {
+        "protocols": _protocols(found),
+        "contacts": _contacts(found),
+        "degraded": _degraded(found),
+        "details": _details(found["shape"]),
+        "baselines": _baselines(found["shape"]),
+        "coverage": _coverage(found["shape"]),
+        "shifts": _shifts(found["shifts"]),
+    }
+
+
+def of_contacts(told: Found, column: str) -> np.ndarray:
+    """One quantity of C1…C7."""
+    return np.array([row[column] for row in told["contacts"] if row["contact"] != "F_net"][:7], float)
+
+
+def _protocols(found: Found) -> str:
+    names = {"shape": "by shape, shipped network", "frame": "by frame, clean images, 80 epochs"}
+    names |= {f"without_{family}": f"{_words(family)}, 6 epochs" for family in FAMILIES}
+    names["longer"] = f"{_words('sine_cosine')}, 13 epochs"
+    rows = []
+    for name, words in names.items():
+        told = found[name]
+        r = of_contacts(told, "r exosight")
+        rows.append(
+            [
+                words,
+                told["frames"].split()[0],
+                f"{np.nanmean(r):.4f}",
+                f"{np.nanmin(r):.3f}",
+                f"{np.nanmean(of_contacts(told, 'RMS% exosight [%]')):.2f}",
+                f"{1e3 * np.nanmean(of_contacts(told, 'RMSE exosight [N]')):.1f}",
+            ]
+        )
+    # Its means as it prints them; those of its rounded contacts differ in the last digit.
+    paper = found["shape"]["robustness"][0]
+    lowest = np.nanmin(of_contacts(found["shape"], "r paper"))
+    means = (f"{paper['RMS% paper [%]']:.2f}", f"{1e3 * paper['RMSE paper [N]']:.0f}")
+    rows.append(["paper, by frame", "–", f"{paper['r paper']:.2f}", f"{lowest:.2f}", *means])
+    heads = ("split and network", "frames tested", "r, mean", "r, lowest", "RMS% of range", "RMSE [mN]")
+    return table_of(heads, rows)
+
+
+def _words(family: str) -> str:
+    return f"without {family.replace('_', '-')}"
+
+
+def _contacts(found: Found) -> str:
+    names = {"shape": "by shape", "frame": "by frame"}
+    names |= {f"without_{family}": _words(family) for family in FAMILIES}
+    names["longer"] = f"{_words('sine_cosine')}, 13 epochs"
+    rows = [[words, *_digits(of_contacts(found[name], "r exosight"), 4)] for name, words in names.items()]
+    rows.append(["paper", *_digits(of_contacts(found["shape"], "r paper"), 2)])
+    return table_of(("r", *(f"C{i}" for i in range(1, 8))), rows)
+
+
+def _degraded(found: Found) -> str:
+    def means(name: str, column: str) -> list[str]:
+        cases = {row["images"]: row for row in found[name]["robustness"]}
+        return _digits([cases[case][column] for case in CASES], 3)
+
+    rows = [[words, *means(name, "r exosight")] for name, words in DEGRADED.items()]
+    rows.append(["paper", *means("shape", "r paper")])
+    return table_of(("mean r", *IMAGES), rows)
+
+
+def _details(told: Found) -> str:
+    columns = list(told["details"][0])
+    rows = [
+        [row["contact"], *(_number(row[column], column) for column in columns[1:])] for row in told["details"]
+    ]
+    return table_of([column.replace("[N]", "[mN]") for column in columns], rows)
+
+
+def _number(value: float, column: str) -> str:
+    return f"{1e3 * value:.1f}" if column.endswith("[N]") else f"{value:.4f}"
+
+
+def _baselines(told: Found) -> str:
+    columns = ("r exosight", "RMS% exosight [%]")
+    rows = [
+        [row["estimator"], *("–" if row[c] is None else f"{row[c]:.3f}" for c in columns)]
+        for row in told["baselines"]
+        if row["estimator"] != "paper"
+    ]
+    return table_of(("estimator", "r, mean", "RMS% of range"), rows)
+
+
+def _coverage(told: Found) -> str:
+    own = [row for row in told["intervals"] if row["promised [%]"] == 90.0]
+    columns = ("inside estimate above zero [%]", "inside all frames [%]")
+    rows = [[column, *(_digits([row[column] for row in own], 1))] for column in columns]
+    return table_of(("intervals of 90 %", *(row["contact"] for row in own)), rows)
+
+
+def _shifts(told: Found) -> str:
+    rows = [
+        [
+            name,
+            f"{row['r']:.3f}",
+            f"{row['rms_percent']:.1f}",
+            f"{1e3 * row['net_rmse']:.0f}",
+            f"{row['inside_percent']:.0f}",
+            f"{row['flagged_percent']:.0f}",
+            "–" if row["net_rmse_trusted"] is None else f"{1e3 * row['net_rmse_trusted']:.0f}",
+        ]
+        for name, row in told.items()
+    ]
+    heads = (
+        "what differs",
+        "r, mean",
+        "RMS% of range",
+        "RMSE of F_net [mN]",
+        "inside 90 % intervals [%]",
+        "flagged as unlike [%]",
+        "RMSE of F_net on the others [mN]",
+    )
+    return table_of(heads, rows)
+
+
+def _digits(values: Iterable[float | None], digits: int) -> list[str]:
+    return ["–" if value is None else f"{value:.{digits}f}" for value in values]
+
+
+@styled
+def picture(found: Found) -> Figure:
+    """r of each contact, by protocol, beside the paper's."""
+    figure = new_figure(height=3.4, width=7.2)
+    axes = figure.subplots()
+    lines: Sequence[tuple[str, np.ndarray, str, str]] = (
+        ("by shape, shipped", of_contacts(found["shape"], "r exosight"), BLUE, "o"),
+        ("by frame, clean images", of_contacts(found["frame"], "r exosight"), GREEN, "s"),
+        (
+            "families held out, the lowest of five",
+            np.nanmin([of_contacts(found[f"without_{f}"], "r exosight") for f in FAMILIES], axis=0),
+            ORANGE,
+            "^",
+        ),
+        ("paper, by frame", of_contacts(found["shape"], "r paper"), VERMILION, "x"),
+    )
+    for i, (name, values, colour, marker) in enumerate(lines):
+        axes.plot(
+            np.arange(7) + 0.1 * (i - 1.5),
+            values,
+            marker,
+            color=colour,
+            label=name,
+            linestyle="none",
+            markersize=6,
+        )
+    axes.axhline(1.0, color=BLACK, linewidth=0.6)
+    axes.set_xticks(range(7), [f"C{i}" for i in range(1, 8)])
+    axes.set_ylim(0.45, 1.02)
+    axes.set_ylabel("Pearson r, true and estimated force")
+    axes.legend(loc="lower left", ncols=2)
+    return figure
+
+
+def main() -> None:
+    """Draw the picture and fill in the page."""
+    found = load()
+    picture(found).savefig(IMAGE, dpi=150, metadata={"Software": None})
+    fill(PAGE, tables(found))
+
+
+if __name__ == "__main__":
+    main()
