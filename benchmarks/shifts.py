@@ -24,7 +24,6 @@ from exosight.dataset.frames import Frames, concatenate
 from exosight.dataset.manifest import sampled_shapes
 from exosight.dataset.simulation import simulate
 from exosight.evaluation import evaluate_intervals, score
-from exosight.evaluation.metrics import spread
 from exosight.exosuit.scenarios import SampledShape
 from exosight.exosuit.variation import PlantVariation
 from exosight.vision import AppearanceVariation, LightingVariation
@@ -81,13 +80,12 @@ def judge(estimator: OnnxEstimator, frames: Frames) -> dict[str, Any]:
     inside = evaluate_intervals(frames.forces, reading.forces, {PROMISED: (reading.low, reading.high)})
     trusted = reading.unlike <= 1
     of_trusted = score(frames.forces[trusted], reading.forces[trusted]) if trusted.sum() > 1 else None
-    r = [contact.r for contact in found.contacts]
     return {
         "frames": len(frames),
-        "r": spread(r).mean,
-        "r_lowest": float(np.nanmin(r)),
-        "rms_percent": spread([contact.rms_percent for contact in found.contacts]).mean,
-        "rmse": spread([contact.rmse for contact in found.contacts]).mean,
+        "r": found.r.mean,
+        "r_lowest": float(np.nanmin([contact.r for contact in found.contacts])),
+        "rms_percent": found.rms_percent.mean,
+        "rmse": found.rmse.mean,
         "net_rmse": found.net.rmse,
         "inside_percent": 100 * float(inside.at(PROMISED).mean()),
         "flagged_percent": 100 * float(np.mean(~trusted)),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import jax
 import numpy as np
+from _parts.pages import save
 from jaxtyping import Float, UInt8
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -57,8 +58,7 @@ def overview() -> Figure:
     figure = new_figure(height=4.4, width=8.0)
     top, bottom = figure.subfigures(2, 1, height_ratios=(2.6, 1.7))
     system, camera, forces = top.subplots(1, 3, width_ratios=(2.85, 2.0, 1.8))
-    here = jax.tree.map(lambda leaf: np.asarray(leaf[SHOWN]), found.pose)
-    _draw_system(system, exosuit, found.equilibria.q[SHOWN], here, picture(exosuit, one, NEAR)[0])
+    _draw_system(system, exosuit, found.equilibria.q[SHOWN], one, picture(exosuit, one, NEAR)[0])
     show_image(camera, seen[SHOWN])
     camera.set_title("2. What the camera sees")
     camera.set_xlabel("128 × 128 pixels, gray")
@@ -78,13 +78,13 @@ def _draw_system(
     pose: Pose,
     image: UInt8[np.ndarray, "height width"],
 ) -> None:
-    """The rendered bodies with contacts, contact forces and the line of actuation over them."""
+    """The rendered bodies with contacts, contact forces and the line of actuation over them; one pose."""
     motion = walk(assemble(exosuit), q)
     show_image(ax, image)
     ax.plot(*_pixels(_line(exosuit, motion)).T, color=VERMILION, linewidth=2)
-    for i, (centre, size, force) in enumerate(
-        zip(pose.spheres, exosuit.finger.sphere_radii(), pose.pushes, strict=True)
-    ):
+    centres, pushes = np.asarray(pose.spheres[0]), np.asarray(pose.pushes[0])
+    contacts = zip(centres, exosuit.finger.sphere_radii(), pushes, strict=True)
+    for i, (centre, size, force) in enumerate(contacts):
         ax.plot(*_pixels(centre), "o", color=BLACK, markersize=2.5)
         amount = float(np.linalg.norm(force))
         if amount > 0:
@@ -262,9 +262,7 @@ def main() -> None:
     """Draw every picture anew."""
     IMAGES.mkdir(exist_ok=True)
     for figure in (overview, variation):
-        path = IMAGES / f"{figure.__name__}.png"
-        figure().savefig(path, dpi=200, metadata={"Software": None})
-        print(f"wrote {path}")
+        save(figure(), IMAGES / f"{figure.__name__}.png", dpi=200)
 
 
 if __name__ == "__main__":

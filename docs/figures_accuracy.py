@@ -17,16 +17,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _parts.pages import fill, table_of
+from _parts.pages import fill, save, table_of
 from matplotlib.figure import Figure
 
 from exosight.evaluation.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
+from exosight.evaluation.metrics import CONTACTS
 from exosight.exosuit.shapes import FAMILIES
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGE = HERE / "accuracy.md", HERE / "results" / "accuracy", HERE / "images" / "accuracy.png"
 CASES = ("clean", "noise, low", "noise, medium", "noise, high", "contrast, low", "contrast, high")
 IMAGES = ("clean", "noise 0.001", "noise 0.01", "noise 0.1", "low contrast", "high contrast")
+PROTOCOLS = {
+    "shape": "by shape, shipped network",
+    "frame": "by frame, clean images, 80 epochs",
+    **{f"without_{family}": f"without {family.replace('_', '-')}, 6 epochs" for family in FAMILIES},
+    "longer": "without sine-cosine, 13 epochs",
+}
 DEGRADED = {
     "shape": "shipped (noise and contrast learned), unseen shapes",
     "frame": "light, clean images only, by frame",
@@ -56,15 +63,12 @@ def tables(found: Found) -> dict[str, str]:
 
 def of_contacts(told: Found, column: str) -> np.ndarray:
     """One quantity of C1…C7."""
-    return np.array([row[column] for row in told["contacts"] if row["contact"] != "F_net"][:7], float)
+    return np.array([row[column] for row in told["contacts"] if row["contact"] in CONTACTS], float)
 
 
 def _protocols(found: Found) -> str:
-    names = {"shape": "by shape, shipped network", "frame": "by frame, clean images, 80 epochs"}
-    names |= {f"without_{family}": f"{_words(family)}, 6 epochs" for family in FAMILIES}
-    names["longer"] = f"{_words('sine_cosine')}, 13 epochs"
     rows = []
-    for name, words in names.items():
+    for name, words in PROTOCOLS.items():
         told = found[name]
         r = of_contacts(told, "r exosight")
         rows.append(
@@ -86,17 +90,10 @@ def _protocols(found: Found) -> str:
     return table_of(heads, rows)
 
 
-def _words(family: str) -> str:
-    return f"without {family.replace('_', '-')}"
-
-
 def _contacts(found: Found) -> str:
-    names = {"shape": "by shape", "frame": "by frame"}
-    names |= {f"without_{family}": _words(family) for family in FAMILIES}
-    names["longer"] = f"{_words('sine_cosine')}, 13 epochs"
-    rows = [[words, *_digits(of_contacts(found[name], "r exosight"), 4)] for name, words in names.items()]
+    rows = [[words, *_digits(of_contacts(found[name], "r exosight"), 4)] for name, words in PROTOCOLS.items()]
     rows.append(["paper", *_digits(of_contacts(found["shape"], "r paper"), 2)])
-    return table_of(("r", *(f"C{i}" for i in range(1, 8))), rows)
+    return table_of(("r", *CONTACTS), rows)
 
 
 def _degraded(found: Found) -> str:
@@ -126,7 +123,6 @@ def _baselines(told: Found) -> str:
     rows = [
         [row["estimator"], *("–" if row[c] is None else f"{row[c]:.3f}" for c in columns)]
         for row in told["baselines"]
-        if row["estimator"] != "paper"
     ]
     return table_of(("estimator", "r, mean", "RMS% of range"), rows)
 
@@ -163,8 +159,8 @@ def _shifts(told: Found) -> str:
     return table_of(heads, rows)
 
 
-def _digits(values: Iterable[float | None], digits: int) -> list[str]:
-    return ["–" if value is None else f"{value:.{digits}f}" for value in values]
+def _digits(values: Iterable[float], digits: int) -> list[str]:
+    return [f"{value:.{digits}f}" for value in values]
 
 
 @styled
@@ -194,7 +190,7 @@ def picture(found: Found) -> Figure:
             markersize=6,
         )
     axes.axhline(1.0, color=BLACK, linewidth=0.6)
-    axes.set_xticks(range(7), [f"C{i}" for i in range(1, 8)])
+    axes.set_xticks(range(7), CONTACTS)
     axes.set_ylim(0.45, 1.02)
     axes.set_ylabel("Pearson r, true and estimated force")
     axes.legend(loc="lower left", ncols=2)
@@ -204,7 +200,7 @@ def picture(found: Found) -> Figure:
 def main() -> None:
     """Draw the picture and fill in the page."""
     found = load()
-    picture(found).savefig(IMAGE, dpi=150, metadata={"Software": None})
+    save(picture(found), IMAGE)
     fill(PAGE, tables(found))
 
 

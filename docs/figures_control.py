@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _parts.pages import fill, table_of
+from _parts.pages import fill, save, table_of
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -292,7 +292,7 @@ def main() -> None:
         RESULT.write_text(json.dumps(measure()) + "\n")
     found = load()
     for name, figure in {"constant": constant(found["constant"]), "step": steps(found["step"])}.items():
-        figure.savefig(IMAGES / f"control_{name}.png", dpi=150, metadata={"Software": None})
+        save(figure, IMAGES / f"control_{name}.png")
     fill(PAGE, tables(found))
 
 

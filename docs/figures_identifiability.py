@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import numpy as np
-from _parts.pages import fill, table_of
+from _parts.pages import fill, save, table_of
 
 from exosight.evaluation.figures import identifiability_map
 from exosight.evaluation.identifiability import MATERIAL_KNOWN, MATERIAL_VARIES, resolved, sensitivity
@@ -41,7 +41,7 @@ def main() -> None:
             found = resolved(of, prior)
             cases[f"{name}; {words}"] = found
             rows.append(row(f"{name}; {words}", found, of.forces))
-    identifiability_map(LOADS, cases).savefig(IMAGE, dpi=110)
+    save(identifiability_map(LOADS, cases), IMAGE, dpi=110)
     heads = ("exosuit", "one contact presses [mN]", "two press [mN]", "F_net [mN]")
     fill(PAGE, {"resolved": table_of(heads, rows)})
 

@@ -11,7 +11,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from _parts.pages import fill, shown, table_of
+from _parts.pages import fill, save, shown, table_of
 from matplotlib.figure import Figure
 
 from exosight.app.stress import draw, stress_table
@@ -50,7 +50,7 @@ def picture(found: dict[str, Any]) -> Figure:
 def main() -> None:
     """Draw the picture and fill in the page."""
     found = load()
-    picture(found).savefig(IMAGE, dpi=150, metadata={"Software": None})
+    save(picture(found), IMAGE)
     fill(PAGE, tables(found))
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _parts.pages import fill, table_of
+from _parts.pages import fill, save, table_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator
@@ -249,8 +249,7 @@ def main() -> None:
         "validation_neighbours": neighbours(found["neighbours"]["rows"]),
     }
     for name, figure in figures.items():
-        figure.savefig(IMAGES / f"{name}.png", dpi=200, metadata={"Software": None})
-        print(f"wrote {IMAGES / name}.png")
+        save(figure, IMAGES / f"{name}.png", dpi=200)
     fill(PAGE, tables(found))
 
 

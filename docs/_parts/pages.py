@@ -1,7 +1,9 @@
-"""Tables of numbers on file, and their places in the pages."""
+"""Tables of numbers on file and their places in the pages, and pictures beside them."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+
+from matplotlib.figure import Figure
 
 from exosight.evaluation.tables import Table, cell_text
 
@@ -14,7 +16,7 @@ def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 def shown(table: Table) -> str:
     """A table of results in Markdown, as the terminal shows it."""
     return table_of(
-        [f"{column.name} [{column.unit}]" if column.unit else column.name for column in table.columns],
+        [column.key() for column in table.columns],
         [
             [cell_text(cell, column) for cell, column in zip(row, table.columns, strict=True)]
             for row in table.rows
@@ -39,4 +41,10 @@ def filled(page: str, tables: Mapping[str, str]) -> str:
 def fill(path: Path, tables: Mapping[str, str]) -> None:
     """Put tables into a page."""
     path.write_text(filled(path.read_text(encoding="utf-8"), tables), encoding="utf-8")
+    print(f"wrote {path}")
+
+
+def save(figure: Figure, path: Path, dpi: int = 150) -> None:
+    """Write a picture, without the name of the program that drew it: versions of that make no difference."""
+    figure.savefig(path, dpi=dpi, metadata={"Software": None})
     print(f"wrote {path}")

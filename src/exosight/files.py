@@ -1,4 +1,4 @@
-"""Writing a file so that it is there whole or not at all, whatever happens meanwhile."""
+"""Writing a file so that it is there whole or not at all, whatever happens meanwhile; rows as CSV text."""
 
 import csv
 import io

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cards import made_up
 
 from exosight.app import pipeline
 from exosight.app.evaluation import evaluate
@@ -19,7 +20,6 @@ from exosight.dataset import make_split, previous
 from exosight.errors import InputError
 from exosight.learning import TrainConfig
 from exosight.learning.beside import APART, Beside
-from exosight.learning.intervals import Widths
 from exosight.learning.model_file import ModelCard
 from exosight.vision.corruptions import corrupt
 
@@ -40,24 +40,7 @@ def card(paths: Data) -> ModelCard:
     """Of a network that has learned from that dataset."""
     split = make_split(paths.frames, "shape", 0)
     size = paths.manifest.camera
-    return ModelCard(
-        exosight_version="0.1.0",
-        network="made up",
-        seed=0,
-        image_height=size.height,
-        image_width=size.width,
-        input="gray",
-        contacts=("C1", "C2", "C3", "C4", "C5", "C6", "C7"),
-        unit="N",
-        epoch=1,
-        validation_l1=0.0,
-        training={},
-        data=pipeline.identity(paths, split),
-        widths=Widths(((1.0,) * 7,) * 5, ((1.0,) * 7,) * 5),
-        unlike_limit=1.0,
-        past=2,
-        actuation=True,
-    )
+    return made_up(size.height, size.width, data=pipeline.identity(paths, split), past=2, actuation=True)
 
 
 class Session:

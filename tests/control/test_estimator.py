@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from cards import made_up
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
@@ -13,19 +14,12 @@ from onnx import TensorProto, helper, numpy_helper
 from exosight.control.estimator import OnnxEstimator
 from exosight.errors import DataError, InputError
 from exosight.learning.intervals import Widths
-from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, seal
+from exosight.learning.model_file import OUTPUTS, card_to_metadata, seal
 
-CARD = ModelCard(
-    exosight_version="0.1.0",
+CARD = made_up(
+    6,
+    8,
     network="closed form",
-    seed=0,
-    image_height=6,
-    image_width=8,
-    input="gray",
-    contacts=("C1", "C2", "C3", "C4", "C5", "C6", "C7"),
-    unit="N",
-    epoch=1,
-    validation_l1=0.0,
     training={"network": "closed form"},
     data={"camera": "512 px/m"},
     widths=Widths(((1.0,) * 7,) * 5, ((1.0,) * 7, (2.0,) * 7, (3.0,) * 7, (4.0,) * 7, (5.0,) * 7)),

@@ -5,33 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cards import made_up
 
 from exosight.control import OnnxEstimator, from_image
 from exosight.control.memory import Memory
 from exosight.errors import InputError
 from exosight.learning.beside import APART
-from exosight.learning.intervals import Widths
-from exosight.learning.model_file import ModelCard
 from exosight.learning.samples import stacks
 
-CARD = ModelCard(
-    exosight_version="0.1.0",
-    network="made up",
-    seed=0,
-    image_height=4,
-    image_width=6,
-    input="gray",
-    contacts=("C1", "C2", "C3", "C4", "C5", "C6", "C7"),
-    unit="N",
-    epoch=1,
-    validation_l1=0.0,
-    training={},
-    data={APART: 0.16},
-    widths=Widths(((1.0,) * 7,) * 5, ((1.0,) * 7,) * 5),
-    unlike_limit=1.0,
-    past=2,
-    actuation=True,
-)
+CARD = made_up(4, 6, data={APART: 0.16}, past=2, actuation=True)
 
 
 def picture(gray: float) -> np.ndarray:

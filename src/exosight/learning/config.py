@@ -67,10 +67,13 @@ class Settings:
     actuation: bool = False
 
 
-def resolve(config: TrainConfig, device: Literal["cpu", "cuda"], precision: Precision) -> Settings:
+def resolve(
+    config: TrainConfig, device: Literal["cpu", "cuda"], precision: Precision, neighbours: int = 1
+) -> Settings:
     """Spell out the defaults.
 
     device, precision   what `auto` means on this machine, which only PyTorch can tell
+    neighbours          processes that share the cores of this machine, itself included
 
     Raises InputError if the paper's network is to see more than the image.
     """
@@ -87,7 +90,7 @@ def resolve(config: TrainConfig, device: Literal["cpu", "cuda"], precision: Prec
         learning_rate=config.learning_rate or RECIPES[recipe].learning_rate,
         batch=config.batch or RECIPES[recipe].batch,
         seed=config.seed,
-        threads=config.threads or cores(),
+        threads=config.threads or max(1, cores() // neighbours),
         device=device,
         precision=RECIPES[recipe].precision or precision if config.precision == "auto" else config.precision,
         past=config.past,

@@ -36,7 +36,6 @@ from exosight.learning.samples import (
     stacks,
 )
 from exosight.learning.team import ALONE, Team
-from exosight.machine import cores
 
 CHECKPOINT_SECONDS = 30.0
 """Within a long epoch, the most work a killed run loses [s]; every epoch ends in a checkpoint anyway."""
@@ -110,8 +109,7 @@ def train(
     if auxiliary is None:
         auxiliary = np.empty((len(images), 0), np.float32)
     device = choose_device(config.device)
-    threads = config.threads or max(1, cores() // team.neighbours)
-    settings = resolve(replace(config, threads=threads), device, _precision(device))
+    settings = resolve(config, device, _precision(device), team.neighbours)
     if settings.actuation and u is None:
         raise InputError("actuation: expected u of every image, got none; give u, or leave actuation out")
     if settings.past and previous is None:
