@@ -3,6 +3,7 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 
@@ -16,3 +17,11 @@ Number = float | AnyArray
 def known(value: Any) -> bool:
     """Whether a number can be looked at: while JAX differentiates or compiles, its value is still open."""
     return not isinstance(value, Tracer)
+
+
+def floats(value: Any) -> AnyArray:
+    """Numbers as an array of floats: one of JAX as it is, anything else copied into one of NumPy.
+
+    Robots keep their numbers so. Compiled code takes both, and making fifty arrays of JAX takes 5 ms.
+    """
+    return jnp.asarray(value, dtype=float) if isinstance(value, jax.Array) else np.array(value, dtype=float)

@@ -14,6 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from exosight.arrays import AnyArray
+
 jax.config.update("jax_enable_x64", True)
 
 # The five functions of θ² below are Σ_k (−θ²)^k c_k. Up to one radian eleven terms of the series are
@@ -27,7 +29,7 @@ _SERIES = np.array(
 )
 
 
-def _coefficients(omega: Float[Array, "*batch 3"]) -> tuple[Array, Array, Array, Array, Array]:
+def _coefficients(omega: Float[AnyArray, "*batch 3"]) -> tuple[Array, Array, Array, Array, Array]:
     """sinθ/θ, (1−cosθ)/θ², (θ−sinθ)/θ³, (θ²+2cosθ−2)/2θ⁴, (2θ−3sinθ+θcosθ)/2θ⁵ with θ = |omega|."""
     x = jnp.sum(omega * omega, axis=-1)
     small = x < 1.0
@@ -58,7 +60,7 @@ _BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513]) / np
 _COTANGENT = _BERNOULLI / _FACTORIAL[2 : 2 * _TERMS + 1 : 2]
 
 
-def hat(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
+def hat(omega: Float[AnyArray, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """The matrix of the cross product: hat(ω) x = ω × x."""
     x, y, z = omega[..., 0], omega[..., 1], omega[..., 2]
     zero = jnp.zeros_like(x)
@@ -67,7 +69,7 @@ def hat(omega: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
 
 def pose(
-    rotation: Float[Array, "*batch 3 3"], position: Float[Array, "*batch 3"]
+    rotation: Float[AnyArray, "*batch 3 3"], position: Float[AnyArray, "*batch 3"]
 ) -> Float[Array, "*batch 4 4"]:
     """The 4×4 matrix of a rotation and a position [m]."""
     top = jnp.concatenate([rotation, position[..., None]], axis=-1)
@@ -75,18 +77,18 @@ def pose(
     return jnp.concatenate([top, bottom], axis=-2)
 
 
-def translation(position: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4 4"]:
+def translation(position: Float[AnyArray, "*batch 3"]) -> Float[Array, "*batch 4 4"]:
     """The pose that only shifts, by `position` [m]."""
     return pose(jnp.broadcast_to(jnp.eye(3), (*position.shape[:-1], 3, 3)), position)
 
 
-def inverse(g: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
+def inverse(g: Float[AnyArray, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
     """The pose of the world as seen from the frame g."""
     back = jnp.swapaxes(g[..., :3, :3], -1, -2)
     return pose(back, -jnp.einsum("...ij,...j->...i", back, g[..., :3, 3]))
 
 
-def exp(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
+def exp(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     """The pose reached by moving along `twist` for unit time: exp of its 4×4 matrix."""
     omega, v = twist[..., :3], twist[..., 3:]
     a, b, c, _, _ = _coefficients(omega)
@@ -98,7 +100,7 @@ def exp(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     return pose(rotation, jnp.einsum("...ij,...j->...i", left, v))
 
 
-def log(g: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
+def log(g: Float[AnyArray, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
     """The twist whose `exp` is the pose, with a rotation of at most π: the inverse of `exp` up to there.
 
     First and second derivatives along poses are finite and exact, at the identity too. At half a turn the
@@ -121,7 +123,7 @@ def log(g: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
     return jnp.concatenate([omega, jnp.einsum("...ij,...j->...i", back, g[..., :3, 3])], axis=-1)
 
 
-def _quaternion(rotation: Float[Array, "*batch 3 3"]) -> tuple[Array, Array]:
+def _quaternion(rotation: Float[AnyArray, "*batch 3 3"]) -> tuple[Array, Array]:
     """cos θ/2 ≥ 0 and sin θ/2 · axis; from the largest of the four, as the others would be divided by zero.
 
     Source: Shepperd, Quaternion from rotation matrix, 1978.
@@ -158,26 +160,26 @@ def _polynomial(coefficients: np.ndarray, x: Array) -> Array:
     return total
 
 
-def ad(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
+def ad(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     """The Lie bracket as a matrix: ad(x) y = [x, y]."""
     w, v = hat(twist[..., :3]), hat(twist[..., 3:])
     return _blocks(w, jnp.zeros_like(w), v, w)
 
 
-def coad(wrench: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
+def coad(wrench: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     """The matrix C(w) with C(w) y = ad(y)ᵀ w, so that wᵀ[y, s] = sᵀ C(w) y."""
     m, f = hat(wrench[..., :3]), hat(wrench[..., 3:])
     return _blocks(m, f, f, jnp.zeros_like(f))
 
 
-def adjoint(g: Float[Array, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
+def adjoint(g: Float[AnyArray, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
     """Ad(g): a twist in local coordinates to the same twist in world coordinates."""
     rotation = g[..., :3, :3]
     return _blocks(rotation, jnp.zeros_like(rotation), hat(g[..., :3, 3]) @ rotation, rotation)
 
 
 def adjoint_on(
-    g: Float[Array, "*batch 4 4"], columns: Float[Array, "*batch 6 k"]
+    g: Float[AnyArray, "*batch 4 4"], columns: Float[AnyArray, "*batch 6 k"]
 ) -> Float[Array, "*batch 6 k"]:
     """Ad(g) times columns, without the 6×6 matrix: (R ω, R v + p × R ω)."""
     rotation = g[..., :3, :3]
@@ -186,7 +188,9 @@ def adjoint_on(
     return jnp.concatenate([turned, moved], axis=-2)
 
 
-def coadjoint_on(g: Float[Array, "*batch 4 4"], wrench: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6"]:
+def coadjoint_on(
+    g: Float[AnyArray, "*batch 4 4"], wrench: Float[AnyArray, "*batch 6"]
+) -> Float[Array, "*batch 6"]:
     """Ad(g)ᵀ times a wrench: the same wrench, seen from the frame g."""
     rotation, position, force = g[..., :3, :3], g[..., :3, 3], wrench[..., 3:]
     moment = wrench[..., :3] - jnp.cross(position, force)
@@ -194,14 +198,14 @@ def coadjoint_on(g: Float[Array, "*batch 4 4"], wrench: Float[Array, "*batch 6"]
     return both.reshape(wrench.shape)
 
 
-def tangent(twist: Float[Array, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
+def tangent(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     """T(Ω) with d exp(Ω) · exp(Ω)⁻¹ = T(Ω) dΩ: the left Jacobian of SE(3)."""
     rotation, coupling = _tangent_blocks(twist)
     return _blocks(rotation, jnp.zeros_like(rotation), coupling, rotation)
 
 
 def tangent_on(
-    twist: Float[Array, "*batch 6"], columns: Float[Array, "*batch 6 k"]
+    twist: Float[AnyArray, "*batch 6"], columns: Float[AnyArray, "*batch 6 k"]
 ) -> Float[Array, "*batch 6 k"]:
     """T(Ω) times columns, without the 6×6 matrix."""
     rotation, coupling = _tangent_blocks(twist)
@@ -209,7 +213,7 @@ def tangent_on(
     return jnp.concatenate([rotation @ angular, coupling @ angular + rotation @ linear], axis=-2)
 
 
-def _tangent_blocks(twist: Float[Array, "*batch 6"]) -> tuple[Array, Array]:
+def _tangent_blocks(twist: Float[AnyArray, "*batch 6"]) -> tuple[Array, Array]:
     """The diagonal block of T and the one below it."""
     omega, v = twist[..., :3], twist[..., 3:]
     _, b, c, d, e = (k[..., None, None] for k in _coefficients(omega))
@@ -221,5 +225,5 @@ def _tangent_blocks(twist: Float[Array, "*batch 6"]) -> tuple[Array, Array]:
     return rotation, coupling
 
 
-def _blocks(a: Array, b: Array, c: Array, d: Array) -> Array:
+def _blocks(a: AnyArray, b: AnyArray, c: AnyArray, d: AnyArray) -> Array:
     return jnp.concatenate([jnp.concatenate([a, b], axis=-1), jnp.concatenate([c, d], axis=-1)], axis=-2)

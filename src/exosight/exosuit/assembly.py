@@ -9,8 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from exosight import lie
-from exosight.arrays import AnyArray, Number
+from exosight.arrays import AnyArray, Number, floats
 from exosight.errors import InputError
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape, radius, radius_slope
@@ -26,6 +25,10 @@ STRAINS = {"bend_y": NodalQuadratic(5), "stretch_x": NodalQuadratic(5)}
 
 ROD = "exosuit"
 """Name of the rod in the robot."""
+
+_LEVEL = np.diag([1.0, 0.0, 1.0, 0.0])
+_TURN, _ALONG, _ABOVE = np.zeros((3, 4, 4))
+_TURN[0, 2], _TURN[2, 0], _ALONG[0, 3], _ABOVE[2, 3] = -1.0, 1.0, 1.0, 1.0
 
 MAX_FORCE = 4.0
 """Largest actuation of the published data [N]."""
@@ -135,8 +138,7 @@ def assemble_surface(
     slope     (points,)   dS/dX there [m]
     """
     height = finger.radii[0] + surface[0] + gap
-    up = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    rotation = jnp.eye(3) + jnp.sin(mount_angle) * up + (jnp.cos(mount_angle) - 1) * np.diag([1.0, 0.0, 1.0])
+    turned = jnp.sin(mount_angle) * _TURN + (jnp.cos(mount_angle) - 1) * _LEVEL
     rod = Rod(
         ROD,
         length,
@@ -146,23 +148,23 @@ def assemble_surface(
         density=1070.0,
         strains=STRAINS,
         quadrature=QUADRATURE,
-        mount=lie.pose(rotation, jnp.stack([jnp.asarray(mount_offset), jnp.zeros(()), jnp.asarray(height)])),
+        mount=np.eye(4) + turned + mount_offset * _ALONG + height * _ABOVE,
     )
     links = finger.links()
     dorsal = np.array([0.0, 0.0, 1.0])
     line = PressureLine(
         rod=ROD,
         channel=0,
-        offset=jnp.asarray(surface[:, None] * dorsal),
-        slope=jnp.asarray(slope[:, None] / length * dorsal),
+        offset=surface[:, None] * dorsal,
+        slope=slope[:, None] / length * dorsal,
     )
     contact = SphereContact(
-        first=Spheres(tuple((ROD, i) for i in range(QUADRATURE.size)), jnp.asarray(surface)),
+        first=Spheres(tuple((ROD, i) for i in range(QUADRATURE.size)), floats(surface)),
         second=Spheres(
             tuple((link.name, site) for link in links for site in range(link.frames)),
-            jnp.asarray(finger.sphere_radii()),
+            floats(finger.sphere_radii()),
         ),
-        stiffness=jnp.asarray(contact_stiffness),
+        stiffness=floats(contact_stiffness),
     )
     return Robot((rod, *links), (line, contact))
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from exosight.arrays import known
+from exosight.arrays import AnyArray, known
 from exosight.errors import InputError
 from exosight.mechanics.kinematics import Motion, spread
 from exosight.mechanics.rod import Rod
@@ -55,8 +55,8 @@ class PressureLine(Term):
 
     rod: str = eqx.field(static=True)
     channel: int = eqx.field(static=True)
-    offset: Float[Array, "points 3"]
-    slope: Float[Array, "points 3"]
+    offset: Float[AnyArray, "points 3"]
+    slope: Float[AnyArray, "points 3"]
 
     @staticmethod
     def along(rod: Rod, channel: int, path: Path) -> "PressureLine":

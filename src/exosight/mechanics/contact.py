@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from exosight.arrays import AnyArray
 from exosight.mechanics.kinematics import Motion, spread
 from exosight.mechanics.term import Bound, Expansion, Term, on_frames, point_stiffness, point_wrench, zero
 from exosight.mechanics.tree import Tree
@@ -22,7 +23,7 @@ class Spheres(eqx.Module):
     """
 
     frames: tuple[tuple[str, int], ...] = eqx.field(static=True)
-    radius: Float[Array, " spheres"]
+    radius: Float[AnyArray, " spheres"]
 
     def index(self, tree: Tree) -> tuple[int, ...]:
         """Each sphere's place among all frames of the tree; InputError if a body has no such frame."""
@@ -37,7 +38,7 @@ class SphereContact(Term):
 
     first: Spheres
     second: Spheres
-    stiffness: Float[Array, ""]
+    stiffness: Float[AnyArray, ""]
 
     def pairs(
         self, tree: Tree, position: Float[Array, "frames 3"]
@@ -47,7 +48,7 @@ class SphereContact(Term):
         between = position[a][:, None] - position[b][None]
         # Coincident centres have no normal; the tiny offset makes it zero there instead of NaN.
         distance = jnp.sqrt(_dot(between, between) + 1e-30)
-        overlap = self.first.radius[:, None] + self.second.radius[None] - distance
+        overlap = jnp.asarray(self.first.radius)[:, None] + self.second.radius[None] - distance
         return overlap, between / distance[..., None], distance
 
     def forces(self, tree: Tree, position: Float[Array, "frames 3"]) -> Float[Array, "second 3"]:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -68,7 +67,7 @@ class Equilibria(eqx.Module):
 
 def stack(robots: Sequence[Robot]) -> Robot:
     """Robots of one structure as a single batched robot: every number gains a leading axis."""
-    return jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *robots)
+    return jax.tree.map(lambda *leaves: np.stack(leaves), *robots)
 
 
 def follow(

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from typing import TypedDict, Unpack
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from exosight.errors import InputError
 
@@ -47,11 +46,11 @@ class Joint(eqx.Module):
     """
 
     twists: tuple[tuple[tuple[float, ...], ...], ...] = eqx.field(static=True)
-    stiffness: Float[Array, " dofs"]
-    damping: Float[Array, " dofs"]
-    lower: Float[Array, " dofs"]
-    upper: Float[Array, " dofs"]
-    limit_stiffness: Float[Array, " dofs"]
+    stiffness: Float[np.ndarray, " dofs"]
+    damping: Float[np.ndarray, " dofs"]
+    lower: Float[np.ndarray, " dofs"]
+    upper: Float[np.ndarray, " dofs"]
+    limit_stiffness: Float[np.ndarray, " dofs"]
 
     def __init__(
         self,
@@ -83,7 +82,7 @@ class Joint(eqx.Module):
                 raise InputError(f"{name} {what}: expected one number or {self.dofs}, got {numbers.shape}")
             if not (np.all(numbers >= 0) and np.all(np.isfinite(numbers))):
                 raise InputError(f"{name} {what}: expected finite numbers of at least 0, got {value}")
-            setattr(self, what, jnp.asarray(np.broadcast_to(numbers, self.dofs)))
+            setattr(self, what, np.broadcast_to(numbers, self.dofs).copy())
         ranges = np.asarray(limits, dtype=float)
         if ranges.shape not in ((2,), (self.dofs, 2)) or not np.all(ranges[..., 0] < ranges[..., 1]):
             raise InputError(
@@ -96,7 +95,7 @@ class Joint(eqx.Module):
                 f"{name} limits: a range without limit_stiffness holds nothing back; give it above 0 N m/rad "
                 "or N/m"
             )
-        self.lower, self.upper = jnp.asarray(ranges[:, 0]), jnp.asarray(ranges[:, 1])
+        self.lower, self.upper = ranges[:, 0].copy(), ranges[:, 1].copy()
 
     @property
     def dofs(self) -> int:

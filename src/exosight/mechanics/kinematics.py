@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from exosight import lie
+from exosight.arrays import AnyArray
 from exosight.mechanics.link import Link
 from exosight.mechanics.rod import Rod, step_samples
 from exosight.mechanics.tree import Tree
@@ -154,7 +155,7 @@ def at_points(
 
 
 def spread(
-    values: Float[Array, "*batch moving"], moving: tuple[int, ...], dofs: int
+    values: Float[AnyArray, "*batch moving"], moving: tuple[int, ...], dofs: int
 ) -> Float[Array, "*batch dofs"]:
     """Values by some ascending coordinates as values by all, zero elsewhere."""
     # Pieces side by side: a scatter is many times slower on the CPU.
@@ -314,7 +315,7 @@ def _rod_steps(
     moved = jnp.concatenate([jnp.zeros((1, *moved.shape[1:])), moved])
     above = jacobian[:, : jacobian.shape[1] - moved.shape[2]]
     jacobians = jnp.concatenate([jnp.broadcast_to(above, (count, *above.shape)), moved], axis=2)
-    strain = natural + (scale * (rod.functions(x) @ own)) @ selected
+    strain = jnp.asarray(natural) + (scale * (rod.functions(x) @ own)) @ selected
     steps = Steps(
         first=first,
         basis=basis,

@@ -1,11 +1,10 @@
 """A rigid link of a kinematic tree."""
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from exosight.arrays import AnyArray
+from exosight.arrays import AnyArray, floats
 from exosight.errors import InputError
 from exosight.mechanics.joint import Fixed, Joint
 
@@ -25,11 +24,11 @@ class Link(eqx.Module):
     name: str = eqx.field(static=True)
     parent: str | None = eqx.field(static=True)
     joint: Joint
-    mount: Float[Array, "4 4"]
-    length: Float[Array, ""]
-    sites: Float[Array, "frames 3"]
-    mass: Float[Array, " frames"]
-    inertia: Float[Array, "frames 3 3"]
+    mount: Float[AnyArray, "4 4"]
+    length: Float[AnyArray, ""]
+    sites: Float[AnyArray, "frames 3"]
+    mass: Float[AnyArray, " frames"]
+    inertia: Float[AnyArray, "frames 3 3"]
 
     def __init__(
         self,
@@ -61,11 +60,11 @@ class Link(eqx.Module):
             raise InputError(f"link {name!r}: expected masses and moments of inertia of at least 0")
         self.name, self.parent = name, parent
         self.joint = Fixed() if joint is None else joint
-        self.mount = jnp.eye(4) if mount is None else jnp.asarray(mount, dtype=float)
-        self.length = jnp.asarray(length, dtype=float)
-        self.sites = jnp.asarray(sites, dtype=float)
-        self.mass = jnp.asarray(masses)
-        self.inertia = jnp.asarray(inertias)
+        self.mount = np.eye(4) if mount is None else floats(mount)
+        self.length = floats(length)
+        self.sites = floats(sites)
+        self.mass = masses
+        self.inertia = inertias
 
     @property
     def frames(self) -> int:

@@ -211,7 +211,7 @@ def _wrenches(
     body: str,
     numbers: Sequence[int],
     channel: int,
-    force: Float[Array, "some 3"],
+    force: Float[AnyArray, "some 3"],
     moment: Float[Array, "some 3"] | None = None,
     follower: bool = False,
 ) -> Bound:
@@ -230,8 +230,8 @@ def _wrenches(
         pose, jacobian = moved.pose[own], moved.jacobian[own]
         position, turn = pose[:, :3, 3], pose[:, :3, :3]
 
-        def in_world(vector: Array) -> Array:
-            return jnp.einsum("fij,fj->fi", turn, vector) if follower else vector
+        def in_world(vector: AnyArray) -> Array:
+            return jnp.einsum("fij,fj->fi", turn, vector) if follower else jnp.asarray(vector)
 
         # Derivatives of an energy are the opposite of forces.
         pull = -in_world(force)

@@ -5,9 +5,9 @@ from collections.abc import Callable, Mapping
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from exosight.arrays import AnyArray, Number, known
+from exosight.arrays import AnyArray, Number, floats, known
 from exosight.errors import InputError
 from exosight.mechanics.basis import Basis
 from exosight.mechanics.joint import Fixed, Joint
@@ -51,14 +51,14 @@ class Rod(eqx.Module):
     strains: tuple[tuple[str, Basis], ...] = eqx.field(static=True)
     quadrature: Gauss = eqx.field(static=True)
     joint: Joint
-    mount: Float[Array, "4 4"]
+    mount: Float[AnyArray, "4 4"]
     section: Section
-    length: Float[Array, ""]
-    young: Float[Array, ""]
-    poisson: Float[Array, ""]
-    density: Float[Array, ""]
-    viscosity: Float[Array, ""]
-    natural: Float[Array, "nodes 6"]
+    length: Float[AnyArray, ""]
+    young: Float[AnyArray, ""]
+    poisson: Float[AnyArray, ""]
+    density: Float[AnyArray, ""]
+    viscosity: Float[AnyArray, ""]
+    natural: Float[AnyArray, "nodes 6"]
 
     def __init__(
         self,
@@ -109,14 +109,14 @@ class Rod(eqx.Module):
         self.strains = tuple((s, strains[s]) for s in STRAINS if s in strains)
         self.quadrature = quadrature
         self.joint = Fixed() if joint is None else joint
-        self.mount = jnp.eye(4) if mount is None else jnp.asarray(mount, dtype=float)
+        self.mount = np.eye(4) if mount is None else floats(mount)
         self.section = section
-        self.length = jnp.asarray(length, dtype=float)
-        self.young = jnp.asarray(young, dtype=float)
-        self.poisson = jnp.asarray(poisson, dtype=float)
-        self.density = jnp.asarray(density, dtype=float)
-        self.viscosity = jnp.asarray(viscosity, dtype=float)
-        self.natural = jnp.asarray(strain, dtype=float)
+        self.length = floats(length)
+        self.young = floats(young)
+        self.poisson = floats(poisson)
+        self.density = floats(density)
+        self.viscosity = floats(viscosity)
+        self.natural = floats(strain)
 
     @property
     def frames(self) -> int:
@@ -134,7 +134,7 @@ class Rod(eqx.Module):
         return tuple(STRAINS.index(name) for name, _ in self.strains)
 
     @property
-    def scale(self) -> Float[Array, " enabled"]:
+    def scale(self) -> Float[AnyArray, " enabled"]:
         """What an enabled strain is multiplied with: 1/length [1/m] for angular ones, 1 for linear ones."""
         return jnp.where(np.array(self.rows) < 3, 1 / self.length, 1.0)
 
@@ -147,28 +147,28 @@ class Rod(eqx.Module):
             start += basis.size
         return values
 
-    def weights(self) -> Float[Array, " points"]:
+    def weights(self) -> Float[AnyArray, " points"]:
         """Quadrature weights over arc length [m]."""
         return self.length * self.quadrature.weights
 
-    def mass(self) -> Float[Array, " points"]:
+    def mass(self) -> Float[AnyArray, " points"]:
         """Mass [kg] that each quadrature point carries."""
         return self.weights() * self.density * self.section.area()
 
-    def inertia(self) -> Float[Array, "points 3 3"]:
+    def inertia(self) -> Float[AnyArray, "points 3 3"]:
         """Moment of inertia [kg m²] of what each quadrature point carries, about itself, in its own axes."""
         rotary = (self.weights() * self.density)[:, None] * self.section.rotary()
         return rotary[:, :, None] * np.eye(3)
 
-    def stiffness(self) -> Float[Array, "size size"]:
+    def stiffness(self) -> Float[AnyArray, "size size"]:
         """K = ∫ Φᵀ Σ Φ ds, so that the elastic energy is ½ qᵀ K q."""
         return self._integrated(self.section.stiffness(self.young, self.poisson))
 
-    def damping(self) -> Float[Array, "size size"]:
+    def damping(self) -> Float[AnyArray, "size size"]:
         """D, so that the viscous force is D dq/dt: K with viscosity in the place of Young's modulus."""
         return self._integrated(self.section.stiffness(self.viscosity, self.poisson))
 
-    def _integrated(self, section: Float[Array, "points 6"]) -> Float[Array, "size size"]:
+    def _integrated(self, section: Float[AnyArray, "points 6"]) -> Float[AnyArray, "size size"]:
         phi = self.functions(self.quadrature.points) * self.scale[:, None]
         density = self.weights()[:, None] * section[:, list(self.rows)]
         return jnp.einsum("pea,pe,peb->ab", phi, density, phi)

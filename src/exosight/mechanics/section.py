@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 from exosight.arrays import AnyArray, known
 from exosight.errors import InputError
 
-Scalar = Float[Array, ""]
-Points = Float[Array, " points"]
+Scalar = Float[AnyArray, ""]
+Points = Float[AnyArray, " points"]
 
 
 class Section(eqx.Module):
@@ -155,7 +155,7 @@ _ODD_FIFTH_POWERS = 31 / 32 * 1.0369277551433699
 
 def _positive(section: str, name: str, value: Float[AnyArray, " points"]) -> Points:
     if not known(value):
-        return jnp.asarray(value)
+        return value
     numbers = np.asarray(value, dtype=float)
     if numbers.ndim != 1 or not (np.all(numbers > 0) and np.all(np.isfinite(numbers))):
         shown = numbers.min() if numbers.ndim == 1 and numbers.size else f"shape {numbers.shape}"
@@ -163,7 +163,7 @@ def _positive(section: str, name: str, value: Float[AnyArray, " points"]) -> Poi
             f"{section} {name}: expected finite numbers above 0 m, one a point, got {shown}; "
             "give an array over the rod's quadrature points"
         )
-    return jnp.asarray(numbers)
+    return numbers
 
 
 def _same_points(first: Points, second: Points) -> tuple[Points, Points]:

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from exosight import lie
+from exosight.arrays import AnyArray
 from exosight.mechanics.kinematics import Motion, spread
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.tree import Tree
@@ -167,7 +168,7 @@ def strain_columns(tree: Tree, name: str) -> Float[Array, "points 6 dofs"]:
 
 
 def point_wrench(
-    position: Float[Array, "*batch 3"], gradient: Float[Array, "*batch 3"]
+    position: Float[Array, "*batch 3"], gradient: Float[AnyArray, "*batch 3"]
 ) -> Float[Array, "*batch 6"]:
     """The spatial wrench (p × f, f) of f = ∂E/∂p at a point."""
     return jnp.concatenate([jnp.cross(position, gradient), gradient], axis=-1)
@@ -175,7 +176,7 @@ def point_wrench(
 
 def point_stiffness(
     position: Float[Array, "*batch 3"],
-    gradient: Float[Array, "*batch 3"],
+    gradient: Float[AnyArray, "*batch 3"],
     hessian: Float[Array, "*batch 3 3"] | None = None,
 ) -> Float[Array, "*batch 6 6"]:
     """The spatial stiffness of an energy E(p) of a point: from f = ∂E/∂p and k = ∂²E/∂p² (none: zero).
