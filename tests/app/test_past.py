@@ -79,7 +79,7 @@ def test_evaluation_shows_each_frame_with_its_own_past(paths: Data, monkeypatch:
 
 
 def test_training_gets_the_paths_of_all_datasets_and_of_fresh_shapes(
-    paths: Data, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    data: Path, paths: Data, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     given: dict = {}
 
@@ -95,10 +95,11 @@ def test_training_gets_the_paths_of_all_datasets_and_of_fresh_shapes(
         given["exported"] = arguments
 
     monkeypatch.setattr(pipeline, "stream", stream)
+    monkeypatch.setattr(pipeline, "load", lambda _: paths)
     monkeypatch.setattr("exosight.learning.train", kept)
     monkeypatch.setattr("exosight.learning.export_onnx", exported)
     split = make_split(paths.frames, "shape", 0)
-    fit(paths, split, CONFIG, tmp_path / "run", more=[paths], fresh=1, resume=False)
+    fit(paths, split, CONFIG, tmp_path / "run", more=[data], fresh=1, resume=False)
     assert given["about"][APART] == 0.5
     places = np.arange(len(given["previous"]))
     assert len(places) > len(paths.frames)

@@ -68,7 +68,7 @@ def test_another_camera_is_refused(first: Data, make_dataset: Callable[..., Path
 
 def test_the_network_remembers_all_its_datasets(first: Data) -> None:
     split = make_split(first.frames, "shape", 0)
-    alone, both = identity(first, split), identity(first, split, [first])
+    alone, both = identity(first, split), identity(first, split, [first.manifest])
     assert alone["more"] == ""
     assert both["more"] == alone["sha256"]
 

@@ -2,6 +2,8 @@
 
 import csv
 import json
+import shutil
+import subprocess
 from pathlib import Path
 
 import cv2
@@ -85,6 +87,26 @@ def test_matlab_shows_frames_upright(dataset: Path, tmp_path: Path) -> None:
         found["variation"][0, 0]["lighting_ambient"].ravel(), np.linspace(0.1, 0.5, 5)
     )
     assert json.loads(found["manifest"][0])["camera"]["width"] == CAMERA.width
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="needs GNU Octave")
+def test_octave_reads_a_dataset_and_saves_it_back(dataset: Path, tmp_path: Path) -> None:
+    """The commands of docs/matlab.md, by a program with MATLAB's language; its columns begin at 1."""
+    export_dataset(dataset, tmp_path / "data.mat")
+    script = """
+        d = load('data.mat'); about = jsondecode(d.manifest); v = d.variation;
+        disp([size(d.images), double(d.images(2, 3, 4)), about.camera.width, v.lighting_ambient(5)]);
+        disp(d.families{d.family(1) + 1});
+        save('mine.mat', '-struct', 'd', '-v7');
+    """
+    told = subprocess.run(["octave-cli", "--eval", script], cwd=tmp_path, capture_output=True, text=True)
+    assert told.returncode == 0, told.stderr
+    frames = read_frames(dataset)
+    numbers, family = told.stdout.splitlines()
+    expected = [CAMERA.height, CAMERA.width, 5, frames.images[3, 1, 2], CAMERA.width, 0.5]
+    assert [float(each) for each in numbers.split()] == pytest.approx(expected, abs=0.01)  # as it prints
+    assert family == list(FAMILIES)[frames.family[0]]
+    assert_same(from_matlab(read_mat(tmp_path / "mine.mat")), frames)
 
 
 def test_what_matlab_saves_as_double_is_taken(tmp_path: Path) -> None:

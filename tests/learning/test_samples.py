@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from exosight.errors import InputError
-from exosight.learning.samples import Samples, check_samples, epoch_batches, fingerprint, scale_of, stacks
+from exosight.learning.samples import (
+    Samples,
+    balanced,
+    check_samples,
+    epoch_batches,
+    fingerprint,
+    scale_of,
+    stacks,
+)
 
 
 def test_good_frames_pass(blobs: Samples):
@@ -95,6 +103,37 @@ def test_order_follows_from_seed_and_epoch_alone():
     assert order[0] != order[1]
     assert order[0] != order[2]
     assert order[1] != order[2]
+
+
+def test_frames_of_a_rare_contact_come_as_often_as_their_rarity_asks():
+    """Of 1000 frames 900 load nothing, 80 C1 (weight 10) and 20 C1 and C7 (weight 50): 900 : 800 : 1000."""
+    forces = np.zeros((1300, 7), np.float32)
+    index = np.arange(300, 1300)
+    forces[300:400, 0] = 0.1
+    forces[300:320, 6] = 0.1
+    shown = np.bincount(balanced(index, forces, seed=1, epoch=1), minlength=1300)
+    assert shown.sum() == len(index)
+    assert shown[:300].sum() == 0
+    for part, weight in ((slice(300, 320), 50), (slice(320, 400), 10), (slice(400, 1300), 1)):
+        expected = 1000 * weight / (20 * 50 + 80 * 10 + 900)
+        assert set(shown[part]) <= {int(expected), int(expected) + 1}
+        # Rounded up or down by one draw for all: the sum of a part is off by no more than its ends.
+        assert shown[part].mean() == pytest.approx(expected, abs=0.15)
+
+
+def test_epochs_show_other_frames_of_a_common_kind():
+    forces = np.zeros((1000, 7), np.float32)
+    forces[:20, 6] = 0.1
+    index = np.arange(1000)
+    first, again, next_one = (set(balanced(index, forces, 0, epoch).tolist()) for epoch in (1, 1, 2))
+    assert first == again
+    assert first != next_one
+    assert set(range(20)) <= first & next_one
+
+
+def test_frames_that_all_load_the_same_come_once_each():
+    forces = np.ones((50, 7), np.float32)
+    assert sorted(balanced(np.arange(50), forces, 3, 4)) == list(range(50))
 
 
 def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Samples):

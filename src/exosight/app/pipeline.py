@@ -1,7 +1,7 @@
 """From a dataset to a judged estimator: the steps that single commands and the study share."""
 
 import json
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -53,7 +53,7 @@ def check_training() -> None:
     from exosight.learning import export_onnx, train  # noqa: F401
 
 
-def widened(data: Data, split: Split, more: Sequence[Data]) -> tuple[Frames, Split]:
+def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Split]:
     """The frames of a dataset and of others, and its split with the others' among those to learn from.
 
     Frames of shapes that the split keeps for validation or testing are left out of the others, whatever
@@ -74,12 +74,12 @@ def widened(data: Data, split: Split, more: Sequence[Data]) -> tuple[Frames, Spl
         fresh = [s.shape_id for s in sampled_shapes(mine) if geometry(s.shape) not in judged]
         chosen = np.isin(other.frames.shape_id, fresh)
         parts.append(Frames(**{name: getattr(other.frames, name)[chosen] for name in QUANTITIES}))
-    frames = concatenate(parts) if more else data.frames
+    frames = concatenate(parts) if len(parts) > 1 else data.frames
     added = np.arange(len(data.frames), len(frames))
     return frames, replace(split, train=np.concatenate([split.train, added]))
 
 
-def identity(data: Data, split: Split, more: Sequence[Data] = ()) -> dict[str, str | int | float]:
+def identity(data: Data, split: Split, more: Sequence[Manifest] = ()) -> dict[str, str | int | float]:
     """What a network remembers of its data: which dataset, which camera, which part of it, which others."""
     whole = dataset_identity(data.manifest)
     camera = whole.pop("camera")
@@ -89,7 +89,7 @@ def identity(data: Data, split: Split, more: Sequence[Data] = ()) -> dict[str, s
         "protocol": split.protocol,
         "split_seed": split.seed,
         "held_out": split.held_out or "",
-        "more": ", ".join(str(dataset_identity(other.manifest)["sha256"]) for other in more),
+        "more": ", ".join(str(dataset_identity(other)["sha256"]) for other in more),
     }
 
 
@@ -99,7 +99,7 @@ def fit(
     config: TrainConfig,
     folder: Path,
     *,
-    more: Sequence[Data] = (),
+    more: Sequence[Path] = (),
     fresh: int = 0,
     resume: bool,
     progress: Callable[[int, int], None] = lambda done, total: None,
@@ -107,14 +107,14 @@ def fit(
 ) -> tuple[EpochRecord, ...]:
     """Train a network, export it to `folder/model.onnx`, and return its loss curves.
 
-    more   datasets to learn from as well, without what `split` keeps for judging, see `widened`
+    more   folders of datasets to learn from as well, without what `split` keeps for judging, see `widened`
     fresh  shapes of each scenario simulated anew for each epoch, see `exosight.dataset.stream`
     team   the processes that train together, see `exosight.learning.parallel`; the first exports
     """
     from exosight.learning import export_onnx, train
 
-    frames, wider = widened(data, split, more)
-    about = {**identity(data, split, more), "fresh": fresh}
+    about = {**identity(data, split, [read_manifest(folder) for folder in more]), "fresh": fresh}
+    frames, wider = widened(data, split, map(load, more))  # one at a time: they are large
     if config.past:
         about[APART] = _apart(data.frames)
     result = train(

@@ -7,7 +7,7 @@ same images.
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-NOISY = 0.5
+NOISY = 0.2
 """Share of the images with noise; its standard deviation is drawn between the two below, evenly in its
 logarithm [full scale]. The paper tests with 0.03, 0.1 and 0.32."""
 NOISE = 0.01, 0.35

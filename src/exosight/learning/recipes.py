@@ -56,6 +56,11 @@ class Recipe(Protocol):
         ...
 
     @property
+    def balances(self) -> bool:
+        """Whether frames that load a rarely loaded contact come more often, see `samples.balanced`."""
+        ...
+
+    @property
     def memory(self) -> float:
         """Share of the running average of the weights that a step leaves; 0: the last weights are kept."""
         ...
@@ -93,6 +98,7 @@ class Modern:
     scales_forces: bool = True
     loss_corner: float = 1.0
     augments: bool = True
+    balances: bool = True
     memory: float = 0.999
     validate_every: int = 1
 
@@ -125,6 +131,7 @@ class Paper:
     scales_forces: bool = False
     loss_corner: float = 0.0
     augments: bool = False
+    balances: bool = False
     memory: float = 0.0
     validate_every: int = 5
     plateau_epochs: int = 10
@@ -159,4 +166,8 @@ def _cosine(start: float, end: float, fraction: float) -> float:
     return end + (start - end) * (1.0 + math.cos(math.pi * fraction)) / 2.0
 
 
-RECIPES: dict[str, Recipe] = {"modern": Modern(), "clean": Modern(augments=False), "paper": Paper()}
+RECIPES: dict[str, Recipe] = {
+    "modern": Modern(),
+    "clean": Modern(augments=False, balances=False),
+    "paper": Paper(),
+}

@@ -127,6 +127,25 @@ def epoch_batches(
     return np.array_split(order, -(-len(order) // batch))
 
 
+def balanced(
+    index: Integer[np.ndarray, " n"], forces: Float32[np.ndarray, "frames 7"], seed: int, epoch: int
+) -> Int64[np.ndarray, " n"]:
+    """As many frames, those that load a rarely loaded contact more often and the others less.
+
+    A frame comes as often as one over the share of frames that load the rarest of its contacts, so that each
+    contact has its turn; below a share of 1/50 no more often than that.
+    """
+    loaded = forces[index] > 0
+    share = np.maximum(loaded.mean(axis=0), 1 / 50)
+    weight = np.where(loaded, 1 / share, 1.0).max(axis=1)
+    # Each frame the number of times that its weight comes to, rounded up or down by one draw for all.
+    random = np.random.default_rng([seed, epoch, 2])
+    order = random.permutation(len(index))
+    ends = np.cumsum(weight[order]) * (len(index) / weight.sum())
+    ends[-1] = len(index)
+    return index[order[np.searchsorted(ends, np.arange(len(index)) + random.random(), side="right")]]
+
+
 def fingerprint(samples: Samples) -> str:
     """SHA-256 over types, shapes and contents: tells a resumed run whether the data are the same."""
     digest = hashlib.sha256()

@@ -29,6 +29,7 @@ from exosight.learning.run import Run, open_run
 from exosight.learning.samples import (
     CONTACTS,
     Samples,
+    balanced,
     check_samples,
     epoch_batches,
     fingerprint,
@@ -212,7 +213,10 @@ def _run_epoch(
 def _run_steps(run: Run, frames: Shown, started: float, progress: Callable[[Progress], None] | None) -> float:
     """Take the steps left in the epoch, with a checkpoint now and then; returns the last learning rate."""
     settings, epoch = run.identity.settings, run.position.epoch + 1
-    batches = epoch_batches(frames.rows, settings.batch, settings.seed, epoch)
+    rows = frames.rows
+    if run.recipe.balances:
+        rows = balanced(rows, frames.forces, settings.seed, epoch)
+    batches = epoch_batches(rows, settings.batch, settings.seed, epoch)
     steps = settings.epochs * len(batches)
     latest = run.history[-1] if run.history else None
     # A resumed epoch may have no step left, yet its record names the rate of its last one.

@@ -60,7 +60,6 @@ def train(
 
     with join(config.device) as team:
         loaded = load(data)
-        further = [load(folder) for folder in more]
         split = make_split(loaded.frames, protocol, split_seed, held_out)
         with progress("training", "steps") as update:
             history = fit(
@@ -68,7 +67,7 @@ def train(
                 split,
                 config,
                 out,
-                more=further,
+                more=more,
                 fresh=fresh,
                 resume=resume,
                 progress=update,
