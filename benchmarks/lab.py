@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import httpx
 import numpy as np
@@ -67,8 +68,7 @@ def _latency(
     found, before = [], _computed(server)
     for value in values:
         found.append(page.evaluate(_MOVE, [slider, float(value)]))
-    computed = (_computed(server) - before) / len(values)
-    return {**_two(found), "server_cpu_ms": round(computed, 1)}
+    return {**_two(found), "server's CPU time [ms]": round((_computed(server) - before) / len(values), 1)}
 
 
 def _computed(server: subprocess.Popen[bytes]) -> float:
@@ -79,8 +79,8 @@ def _computed(server: subprocess.Popen[bytes]) -> float:
 
 def _two(milliseconds: list[float]) -> dict[str, float]:
     return {
-        "median_ms": round(float(np.median(milliseconds)), 1),
-        "p95_ms": round(float(np.quantile(milliseconds, 0.95)), 1),
+        "median [ms]": round(float(np.median(milliseconds)), 1),
+        "95 % [ms]": round(float(np.quantile(milliseconds, 0.95)), 1),
     }
 
 
@@ -113,38 +113,42 @@ def _pages() -> dict[str, float]:
     start = time.perf_counter()
     with ThreadPoolExecutor(PAGES) as pool:
         found = [each for one in pool.map(ask, range(PAGES)) for each in one]
-    return {**_two(found), "views_per_second": round(len(found) / (time.perf_counter() - start), 1)}
+    return {**_two(found), "views a second": round(len(found) / (time.perf_counter() - start), 1)}
 
 
-def run(seconds: float = 60) -> dict:
+def run(seconds: float = 60) -> dict[str, Any]:
     """Latency [ms] and memory [MiB]; needs Chromium."""
     rng = np.random.default_rng(0)
-    result: dict = {"name": "lab", "cpu": cpu_name(), "cores": cores()}
+    found: dict[str, dict[str, float]] = {}
     with serving() as server, sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         page = browser.new_page()
         page.goto(URL)
         page.wait_for_selector("#path path.down")
         lengths = rng.permutation(np.arange(70.0, 110.0, 0.1))
-        result["actuation"] = _latency(page, server, "#u", rng.permutation(np.tile(np.arange(80) * 0.05, 2)))
+        found["actuation moved"] = _latency(
+            page, server, "#u", rng.permutation(np.tile(np.arange(80) * 0.05, 2))
+        )
         for u, some in ((2.4, lengths[:REPEATS]), (4.0, lengths[REPEATS : 2 * REPEATS])):
             page.evaluate(_MOVE, ["#u", u])
-            result[f"length at {u} N"] = _latency(page, server, LENGTH, some)
+            found[f"new exosuit at {u} N"] = _latency(page, server, LENGTH, some)
         page.evaluate(_MOVE, ["#u", 2.4])
         server_memory, page_memory = [], []
         end, moves = time.monotonic() + seconds, 0
         while time.monotonic() < end:
             if moves % 50 == 0:
-                server_memory.append(round(_resident(server)))
-                page_memory.append(round(_heap(page), 1))
+                server_memory.append(_resident(server))
+                page_memory.append(_heap(page))
             page.evaluate(_MOVE, [LENGTH, rng.uniform(70, 110)] if moves % 2 else ["#u", rng.uniform(0, 4)])
             moves += 1
-        result["memory"] = {
-            "seconds": seconds, "moves": moves, "server_MiB": server_memory, "page_MiB": page_memory
-        }  # fmt: skip
         browser.close()
-        result["20 pages"] = _pages()
-    return result
+        for name, memory in (("server", server_memory), ("page", page_memory)):
+            found[f"{seconds:g} s of dragging, {name}"] = {
+                "at first [MiB]": round(memory[0], 1), "at last [MiB]": round(memory[-1], 1)
+            }  # fmt: skip
+        found[f"{PAGES} pages at once"] = _pages()
+    told = {f"{what}, {key}": value for what, values in found.items() for key, value in values.items()}
+    return {"name": "lab", "cpu": cpu_name(), "cores": cores(), "moves": moves, **told}
 
 
 if __name__ == "__main__":

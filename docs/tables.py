@@ -21,6 +21,7 @@ TITLES = {
     "estimate": "One reading of the shipped network, one thread",
     "control_step": "One step of the loop in real time",
     "environment": "The Gymnasium environment",
+    "lab": "The lab, from a slider's event to the painted answer",
 }
 UNITS = {
     **bench.UNITS,
@@ -36,6 +37,8 @@ def bench_tables(found: dict[str, Any] | None) -> str:
         return "Nothing has been measured in this version yet: `make bench`, on an idle machine.\n"
     lines = [f"Load average before the run: {found['load_before']} on {found['cores']} cores.", ""]
     for name, title in TITLES.items():
+        if name not in found:
+            continue
         rows = [
             (
                 key.replace("_", " "),

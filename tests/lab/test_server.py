@@ -1,5 +1,6 @@
 """What the server answers, and what it refuses: it stays up whatever is sent."""
 
+import asyncio
 import io
 import json
 import socket
@@ -280,6 +281,23 @@ def test_the_address_is_printed_with_its_token_and_a_taken_port_is_refused() -> 
             listen("127.0.0.1", port)
     with pytest.raises(InputError, match="choose another"):
         listen("no.such.host.invalid", 0)
+
+
+def test_small_answers_leave_at_once() -> None:
+    """Nagle's algorithm and delayed acknowledgement together make every answer 40 ms late."""
+
+    async def set_on_a_connection() -> int:
+        accepted: asyncio.Future[asyncio.StreamWriter] = asyncio.get_running_loop().create_future()
+        listener = listen("127.0.0.1", 0)
+        async with await asyncio.start_server(lambda _, writer: accepted.set_result(writer), sock=listener):
+            _, client = await asyncio.open_connection(*listener.getsockname())
+            server = await accepted
+            found = server.get_extra_info("socket").getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+            client.close()
+            server.close()
+        return found
+
+    assert asyncio.run(set_on_a_connection())
 
 
 def test_pages_that_leave_in_the_middle_do_no_harm(address: Any, alive: Callable[[], None]) -> None:
