@@ -75,7 +75,7 @@ def trials_table(trials: ControllerStudy) -> Table:
         Column("trial"),
         Column("steps to settle"),
         Column("overshoot", "N", digits=3),
-        Column("steady-state error", "N", digits=3),
+        Column("steady error", "N", digits=3),
         Column("time to release", "s", digits=1),
         Column("largest u", "N", digits=2),
         Column("smallest u", "N", digits=2),

@@ -50,6 +50,13 @@ function line(points, X, Y, steps) {
   return path;
 }
 
+/** Words of a drawing, with what follows "F_" as its index. */
+function lowered(words) {
+  const [before, index, after] = words.split(/(?<=F)_(\w+)/);
+  if (!index) return [words];
+  return [before, svg("tspan", { dy: 3, "font-size": "75%" }, index), svg("tspan", { dy: -3 }, after)];
+}
+
 /** A line chart that fills its host; `draw` is given everything, so that it can be drawn anew in any size. */
 export function lineChart(host, label, unitX, unitY) {
   const drawing = svg("svg", { role: "img", "aria-label": label });
@@ -78,7 +85,7 @@ export function lineChart(host, label, unitX, unitY) {
     }
     grid.push(svg("line", { class: "frame", x1: x0, x2: x1, y1, y2: y1 }),
       svg("text", { x: (x0 + x1) / 2, y: height - 3, "text-anchor": "middle" }, unitX),
-      svg("text", { x: 2, y: 11 }, unitY));
+      svg("text", { x: 2, y: 11 }, ...lowered(unitY)));
     const bands = (what.bands ?? []).map(({ kind, from: a, to: b }) => svg("rect", {
       class: kind, x: X(a), width: Math.max(1, X(b) - X(a)), y: y0, height: y1 - y0,
     }));

@@ -20,7 +20,7 @@ export function estimate() {
       by("verdict").className = `verdict ${strange ? "bad" : ""}`;
       by("verdict").textContent = strange
         ? `Do not trust these forces: the picture is unlike those learned from (score ${found.reading.unlike.toFixed(2)}, trusted up to 1).`
-        : `F_net ${newtons(found.reading.F_net)}; the picture is like those learned from (score ${found.reading.unlike.toFixed(2)}).`;
+        : `Net force ${newtons(found.reading.F_net)}; the picture is like those learned from (score ${found.reading.unlike.toFixed(2)}).`;
       by("file-cause").textContent = `Guard, shown this picture: ${found.guard.state}; ${found.guard.cause}.`;
       by("result").hidden = by("file-result").hidden = false;
     } catch (error) {
