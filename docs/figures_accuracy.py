@@ -8,6 +8,7 @@ frame              exosight train --data DATA --out results/frame --protocol fra
 paper              … --protocol frame --network paper --epochs 2
 without_FAMILY     … --epochs 6 --protocol family --held-out FAMILY
 longer             … --epochs 13 --protocol family --held-out sine_cosine
+seed_N             … --epochs 9 --seed N --split-seed N
 shifts             python -m benchmarks.shifts DATA
 """
 
@@ -34,6 +35,7 @@ PROTOCOLS = {
     **{f"without_{family}": f"without {family.replace('_', '-')}, 6 epochs" for family in FAMILIES},
     "longer": "without sine-cosine, 13 epochs",
 }
+SEEDS = ("seed_0", "seed_1", "seed_2")
 DEGRADED = {
     "shape": "shipped (noise and contrast learned), unseen shapes",
     "frame": "light, clean images only, by frame",
@@ -53,6 +55,7 @@ def tables(found: Found) -> dict[str, str]:
     return {
         "protocols": _protocols(found),
         "contacts": _contacts(found),
+        "seeds": _seeds(found),
         "degraded": _degraded(found),
         "details": _details(found["shape"]),
         "baselines": _baselines(found["shape"]),
@@ -94,6 +97,20 @@ def _contacts(found: Found) -> str:
     rows = [[words, *_digits(of_contacts(found[name], "r exosight"), 4)] for name, words in PROTOCOLS.items()]
     rows.append(["paper", *_digits(of_contacts(found["shape"], "r paper"), 2)])
     return table_of(("r", *CONTACTS), rows)
+
+
+def _seeds(found: Found) -> str:
+    rows = []
+    for words, column, factor, digits in (
+        ("r", "r exosight", 1.0, 3),
+        ("RMS% of range", "RMS% exosight [%]", 1.0, 2),
+        ("RMSE [mN]", "RMSE exosight [N]", 1e3, 1),
+    ):
+        runs = factor * np.array([of_contacts(found[name], column) for name in SEEDS])
+        runs = np.column_stack([runs, runs.mean(axis=1)])
+        both = zip(runs.mean(axis=0), runs.std(axis=0, ddof=1), strict=True)
+        rows.append([words, *(f"{mean:.{digits}f} ± {spread:.{digits}f}" for mean, spread in both)])
+    return table_of(("mean ± SD of three runs", *CONTACTS, "mean"), rows)
 
 
 def _degraded(found: Found) -> str:
