@@ -18,6 +18,7 @@ from exosight.mechanics import (
     Gaussian,
     Gravity,
     Legendre,
+    Link,
     Rectangular,
     Robot,
     Rod,
@@ -279,3 +280,14 @@ def test_bumps_that_overlap_as_much_as_is_allowed_still_bend_right() -> None:
     stored = 0.5 * work @ np.linalg.solve(stiffness, work)
     exact = 0.5 * LENGTH**3 / (3 * YOUNG * np.pi * 0.005**4 / 4)
     assert stored == pytest.approx(exact, rel=1e-4)
+
+
+def test_a_body_keeps_its_numbers_whatever_becomes_of_the_arrays_given() -> None:
+    radius, mass, inertia = np.full(4, 0.01), np.ones(1), np.eye(3)[None]
+    section = Circular(radius)
+    link = Link("link", 0.1, np.zeros((1, 3)), mass=mass, inertia=inertia)
+    for array in (radius, mass, inertia):
+        array *= 2
+    np.testing.assert_array_equal(section.radius, 0.01)
+    np.testing.assert_array_equal(link.mass, 1)
+    np.testing.assert_array_equal(link.inertia[0], np.eye(3))

@@ -26,6 +26,7 @@ STRAINS = {"bend_y": NodalQuadratic(5), "stretch_x": NodalQuadratic(5)}
 ROD = "exosuit"
 """Name of the rod in the robot."""
 
+# The base's pose is I + sin(angle) _TURN + (cos(angle) − 1) _LEVEL + offset _ALONG + height _ABOVE.
 _LEVEL = np.diag([1.0, 0.0, 1.0, 0.0])
 _TURN, _ALONG, _ABOVE = np.zeros((3, 4, 4))
 _TURN[0, 2], _TURN[2, 0], _ALONG[0, 3], _ABOVE[2, 3] = -1.0, 1.0, 1.0, 1.0

@@ -27,7 +27,7 @@ class TrainConfig:
     network: NetworkName = "light"
     """light: 39 M multiply-adds an image, made for a CPU; paper: the published network, 78,847 parameters"""
     recipe: RecipeName | None = None
-    """modern: one-cycle AdamW on images moved, faded and made noisy; clean: the same on images as they are;
+    """modern: one-cycle AdamW, rare contacts more often, images moved, faded, noisy; clean: as they are;
     paper: Adam until a plateau, on images as they are; default: modern for light, paper for paper"""
     epochs: Annotated[int, Field(ge=1, le=100_000)] | None = None
     """passes over the training part; default: the recipe's (paper: at most, it stops when it stalls)"""

@@ -63,8 +63,8 @@ class Link(eqx.Module):
         self.mount = np.eye(4) if mount is None else floats(mount)
         self.length = floats(length)
         self.sites = floats(sites)
-        self.mass = masses
-        self.inertia = inertias
+        self.mass = floats(masses)
+        self.inertia = floats(inertias)
 
     @property
     def frames(self) -> int:

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from exosight.arrays import AnyArray, known
+from exosight.arrays import AnyArray, floats, known
 from exosight.errors import InputError
 
 Scalar = Float[AnyArray, ""]
@@ -155,7 +155,7 @@ _ODD_FIFTH_POWERS = 31 / 32 * 1.0369277551433699
 
 def _positive(section: str, name: str, value: Float[AnyArray, " points"]) -> Points:
     if not known(value):
-        return value
+        return floats(value)
     numbers = np.asarray(value, dtype=float)
     if numbers.ndim != 1 or not (np.all(numbers > 0) and np.all(np.isfinite(numbers))):
         shown = numbers.min() if numbers.ndim == 1 and numbers.size else f"shape {numbers.shape}"
@@ -163,7 +163,7 @@ def _positive(section: str, name: str, value: Float[AnyArray, " points"]) -> Poi
             f"{section} {name}: expected finite numbers above 0 m, one a point, got {shown}; "
             "give an array over the rod's quadrature points"
         )
-    return numbers
+    return floats(value)
 
 
 def _same_points(first: Points, second: Points) -> tuple[Points, Points]:
