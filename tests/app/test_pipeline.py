@@ -16,6 +16,7 @@ from exosight.dataset.config import GenerateConfig
 from exosight.dataset.manifest import sampled_shapes
 from exosight.errors import InputError
 from exosight.exosuit.scenarios import SampledShape, geometry, sample_shapes
+from exosight.exosuit.shapes import FAMILIES
 from exosight.learning import TrainConfig
 from exosight.vision.camera import Camera
 
@@ -51,6 +52,24 @@ def test_frames_of_judged_shapes_are_left_out_whatever_their_numbers(
     last = len(frames) - 1
     place = np.flatnonzero(np.all(fresh.frames.images == frames.images[last], axis=(1, 2)))
     assert np.array_equal(fresh.frames.forces[place[0]], frames.forces[last])
+
+
+@pytest.mark.parametrize("family", ["linear", "sine", "legendre"])
+def test_a_held_out_family_is_left_out_of_all_datasets(
+    first: Data, make_dataset: Callable[..., Path], tmp_path: Path, family: str
+) -> None:
+    """Also exosuits of the family that the first dataset does not have: the kind is to be unseen."""
+    other = load(make_dataset(tmp_path / "other", shapes=sample_shapes(1, seed=5), seed=2))
+    split = make_split(first.frames, "family", 0, family)
+    frames, wider = widened(first, split, [other])
+    number = list(FAMILIES).index(family)
+    assert (other.frames.family == number).any()
+    assert not (frames.family[wider.train] == number).any()
+    added = frames.shape_id[len(first.frames) :]
+    others = [s for s in sampled_shapes(other.manifest) if s.shape.surface.family != family]
+    judged = {s.shape_id: geometry(s.shape) for s in sampled_shapes(first.manifest)}
+    kept = {judged[n] for n in first.frames.shape_id[split.validation].tolist()}
+    assert set(added.tolist()) == {s.shape_id for s in others if geometry(s.shape) not in kept}
 
 
 def test_one_dataset_is_taken_as_it_is(first: Data) -> None:

@@ -57,7 +57,8 @@ def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Spl
     """The frames of a dataset and of others, and its split with the others' among those to learn from.
 
     Frames of shapes that the split keeps for validation or testing are left out of the others, whatever
-    their numbers and parameters there: shapes are the same where length and radii are.
+    their numbers and parameters there: shapes are the same where length and radii are. So is every shape of
+    a held-out family.
 
     Raises InputError if images or poses differ in size.
     """
@@ -71,7 +72,11 @@ def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Spl
             raise InputError(
                 "train: expected datasets of one camera and plant, got several; generate them alike"
             )
-        fresh = [s.shape_id for s in sampled_shapes(mine) if geometry(s.shape) not in judged]
+        fresh = [
+            s.shape_id
+            for s in sampled_shapes(mine)
+            if geometry(s.shape) not in judged and s.shape.surface.family != split.held_out
+        ]
         chosen = np.isin(other.frames.shape_id, fresh)
         parts.append(Frames(**{name: getattr(other.frames, name)[chosen] for name in QUANTITIES}))
     frames = concatenate(parts) if len(parts) > 1 else data.frames

@@ -36,7 +36,8 @@ def train(
     Args:
         data: folder of a dataset, from `exosight generate`
         out: folder of the run; it must not exist, unless --resume
-        more: folders of further datasets to learn from; what --data keeps for judging is left out of them
+        more: folders of further datasets to learn from; what --data keeps for judging is left out of them, as
+            is a held-out family
         fresh: shapes of each scenario simulated anew for every epoch, and learned from in it alone
         protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's) or family
         held_out: family of shapes kept for testing, with --protocol family
