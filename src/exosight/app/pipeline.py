@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float32, Int, UInt8
@@ -24,6 +25,9 @@ from exosight.learning.model_file import ModelCard
 from exosight.learning.samples import stacks
 from exosight.learning.team import ALONE, Team
 from exosight.vision.camera import Camera
+
+if TYPE_CHECKING:
+    from exosight.learning import Start  # needs PyTorch
 
 HINGES = 3
 """Coordinates of a pose that are joint angles: the last."""
@@ -106,6 +110,7 @@ def fit(
     *,
     more: Sequence[Path] = (),
     fresh: int = 0,
+    start: "Start | None" = None,
     resume: bool,
     progress: Callable[[int, int], None] = lambda done, total: None,
     team: Team = ALONE,
@@ -114,10 +119,13 @@ def fit(
 
     more   folders of datasets to learn from as well, without what `split` keeps for judging, see `widened`
     fresh  shapes of each scenario simulated anew for each epoch, see `exosight.dataset.stream`
+    start  the network to start from, in place of random weights, see `exosight.learning.load_start`
     team   the processes that train together, see `exosight.learning.parallel`; the first exports
     """
     from exosight.learning import export_onnx, train
 
+    if start:
+        _check_unseen(start.card, data, split)
     about = {**identity(data, split, [read_manifest(folder) for folder in more]), "fresh": fresh}
     frames, wider = widened(data, split, map(load, more))  # one at a time: they are large
     if config.past:
@@ -134,6 +142,7 @@ def fit(
         u=frames.u,
         previous=previous(frames),
         fresh=_fresh(data, fresh) if fresh else None,
+        start=start,
         resume=resume,
         progress=lambda at: progress(at.step, at.steps),
         team=team,
@@ -144,6 +153,25 @@ def fit(
         seen = beside(images, stacked_rows(data.frames, config.past)[kept], data.frames.u[kept], config)
         export_onnx(folder, folder / MODEL, images[kept], forces, seen)
     return result.history
+
+
+def _check_unseen(start: ModelCard, data: Data, split: Split) -> None:
+    """Raise InputError if a network to start from is known to have learned from what is kept for judging."""
+    mine, known = dataset_identity(data.manifest)["sha256"], start.data
+    there = known.get("protocol"), known.get("split_seed"), known.get("held_out") or None
+    asked = split.protocol, split.seed, split.held_out
+    if mine in str(known.get("more", "")).split(", "):
+        problem = "learned from the whole of this dataset"
+    elif known.get("sha256") == mine and there != asked:
+        problem = f"learned from this dataset divided otherwise (by {there[0]}, split seed {there[1]})"
+    elif split.held_out and there[2] != split.held_out:
+        problem = f"learned from the family {split.held_out}"
+    else:
+        return
+    raise InputError(
+        f"start: expected a network that has not seen what is kept for testing, got one that {problem}; "
+        "divide the data as it did, or start from another"
+    )
 
 
 def stacked_rows(frames: Frames, past: int) -> Int[np.ndarray, "frames stack"]:

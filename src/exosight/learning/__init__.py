@@ -14,6 +14,7 @@ from exosight.learning.history import EpochRecord, read_history
 if TYPE_CHECKING:
     from exosight.learning.checkpoint import load_model
     from exosight.learning.export import export_onnx
+    from exosight.learning.start import Start, load_start
     from exosight.learning.training import Progress, TrainResult, train
 
 # Set before PyTorch is loaded: its OpenMP threads otherwise spin while they wait for each other, which beside
@@ -23,19 +24,23 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 __all__ = [
     "EpochRecord",
     "Progress",
+    "Start",
     "TrainConfig",
     "TrainResult",
     "export_onnx",
     "load_model",
+    "load_start",
     "read_history",
     "train",
 ]
 
 _NEEDS_TORCH = {
     "Progress": "training",
+    "Start": "start",
     "TrainResult": "training",
     "export_onnx": "export",
     "load_model": "checkpoint",
+    "load_start": "start",
     "train": "training",
 }
 

@@ -17,6 +17,10 @@ Precision = Literal["float32", "bfloat16"]
 MOST_PAST = 8
 """Earlier images that a network may see at most."""
 
+STARTED = 1 / 3
+"""Share of the recipe's learning rate for a network that does not start from random weights: the whole of it
+first loses much of what is known (docs/log.md)."""
+
 _RECIPE_OF_NETWORK: dict[NetworkName, RecipeName] = {"light": "modern", "paper": "paper"}
 
 
@@ -32,7 +36,7 @@ class TrainConfig:
     epochs: Annotated[int, Field(ge=1, le=100_000)] | None = None
     """passes over the training part; default: the recipe's (paper: at most, it stops when it stalls)"""
     learning_rate: Annotated[float, Field(gt=0, le=1)] | None = None
-    """largest learning rate; default: the recipe's"""
+    """largest learning rate; default: the recipe's, a third of it with --start"""
     batch: Annotated[int, Field(ge=4, le=65_536)] | None = None
     """images a step; default: the recipe's"""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
@@ -65,15 +69,22 @@ class Settings:
     # Last, and with defaults: checkpoints of runs that were begun without them are read as well.
     past: int = 0
     actuation: bool = False
+    start: str = ""
+    """SHA-256 of the network that it started from; empty where the first weights were random"""
 
 
 def resolve(
-    config: TrainConfig, device: Literal["cpu", "cuda"], precision: Precision, neighbours: int = 1
+    config: TrainConfig,
+    device: Literal["cpu", "cuda"],
+    precision: Precision,
+    neighbours: int = 1,
+    start: str = "",
 ) -> Settings:
     """Spell out the defaults.
 
     device, precision   what `auto` means on this machine, which only PyTorch can tell
     neighbours          processes that share the cores of this machine, itself included
+    start               SHA-256 of the network to start from, if there is one
 
     Raises InputError if the paper's network is to see more than the image.
     """
@@ -87,7 +98,7 @@ def resolve(
         network=config.network,
         recipe=recipe,
         epochs=config.epochs or RECIPES[recipe].epochs,
-        learning_rate=config.learning_rate or RECIPES[recipe].learning_rate,
+        learning_rate=config.learning_rate or RECIPES[recipe].learning_rate * (STARTED if start else 1),
         batch=config.batch or RECIPES[recipe].batch,
         seed=config.seed,
         threads=config.threads or max(1, cores() // neighbours),
@@ -95,4 +106,5 @@ def resolve(
         precision=RECIPES[recipe].precision or precision if config.precision == "auto" else config.precision,
         past=config.past,
         actuation=config.actuation,
+        start=start,
     )

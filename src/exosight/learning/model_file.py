@@ -79,6 +79,11 @@ def seal(model: bytes) -> bytes:
     return model + _SEAL_START + hashlib.sha256(model).hexdigest().encode()
 
 
+def sealed(data: bytes) -> str:
+    """The SHA-256 at the end of a sealed model: tells it from all others."""
+    return data[-64:].decode()
+
+
 def open_model(path: Path, threads: int) -> tuple[Any, ModelCard]:
     """Open a sealed ONNX file for inference on the CPU; nothing in it is executed but ONNX's own operators.
 

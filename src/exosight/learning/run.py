@@ -21,7 +21,7 @@ from exosight.learning.checkpoint import (
 )
 from exosight.learning.history import HISTORY_NAME, EpochRecord, write_history
 from exosight.learning.networks import Network
-from exosight.learning.parallel import check_alike, whole_batch
+from exosight.learning.parallel import check_alike, share, whole_batch
 from exosight.learning.recipes import RECIPES
 from exosight.learning.team import Team
 
@@ -29,13 +29,25 @@ from exosight.learning.team import Team
 class Run:
     """Everything that changes while a run goes on: exactly what its checkpoint holds."""
 
-    def __init__(self, identity: RunIdentity, folder: Path, team: Team):
+    def __init__(
+        self,
+        identity: RunIdentity,
+        folder: Path,
+        team: Team,
+        weights: Mapping[str, Tensor] | None = None,
+    ):
+        """`weights`: the first ones, if they are not to follow from the seed."""
         settings = identity.settings
         self.identity = identity
         self.folder = folder
         self.team = team
         self.recipe = RECIPES[settings.recipe]
-        network = whole_batch(team, identity.build_network())
+        network = identity.build_network()
+        if weights is not None:
+            network.load_state_dict(weights)
+            # Worked out on each machine: rounded as on the first.
+            share(team, (tensor for tensor in network.state_dict().values() if tensor.is_floating_point()))
+        network = whole_batch(team, network)
         # Channels last: a step takes 60 to 90 % of the time that it takes otherwise.
         self.network = network.to(memory_format=torch.channels_last).to(settings.device)  # pyright: ignore[reportCallIssue]
         self.scale = torch.tensor(identity.force_scale, dtype=torch.float32, device=settings.device)
@@ -75,13 +87,21 @@ class Run:
         write_history(self.folder, self.history)
 
 
-def open_run(identity: RunIdentity, folder: Path, resume: bool, team: Team) -> Run:
+def open_run(
+    identity: RunIdentity,
+    folder: Path,
+    resume: bool,
+    team: Team,
+    weights: Mapping[str, Tensor] | None = None,
+) -> Run:
     """Start a run in a folder that has none, or with `resume` take it up from the folder's checkpoint.
+
+    weights   the first ones of a run that starts, if they are not to follow from the seed
 
     Raises InputError if the folder holds a run that is not to be, or cannot be, resumed, or if the processes
     of a team have different runs before them; DataError if its checkpoint is damaged.
     """
-    run = Run(identity, folder, team)
+    run = Run(identity, folder, team, weights)
     if not (folder / CHECKPOINT_NAME).exists():
         if (folder / HISTORY_NAME).exists():
             raise InputError(

@@ -36,6 +36,7 @@ from exosight.learning.samples import (
     scale_of,
     stacks,
 )
+from exosight.learning.start import Start, check_start, first_weights
 from exosight.learning.team import ALONE, Team
 
 CHECKPOINT_SECONDS = 30.0
@@ -45,6 +46,8 @@ BOARD_NAME = "tensorboard"
 """Folder of the loss curves as TensorBoard reads them: `tensorboard --logdir` the folder above."""
 
 _VALIDATION_BATCH = 256
+
+_START_IMAGES = 512
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,7 @@ def train(
     u: Float32[np.ndarray, " loads"] | None = None,
     previous: Integer[np.ndarray, " links"] | None = None,
     fresh: Blocks | None = None,
+    start: Start | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
     team: Team = ALONE,
@@ -102,15 +106,17 @@ def train(
     previous          the frame before each on the way of its exosuit, or its own number where there is none,
                       for a network that sees earlier images
     fresh             frames learned from in one epoch only, in place of as many of the others
+    start             a network whose weights are the first, in place of random ones
     team              the processes that train together, each calling this alike; the first writes
 
     Raises InputError for frames that cannot be learned from, a folder that already holds a run, a run to be
-    resumed that is another one, and a loss that is no longer finite; DataError for a damaged checkpoint.
+    resumed that is another one, a network to start from that is of another kind, and a loss that is no longer
+    finite; DataError for a damaged checkpoint.
     """
     if auxiliary is None:
         auxiliary = np.empty((len(images), 0), np.float32)
     device = choose_device(config.device)
-    settings = resolve(config, device, _precision(device), team.neighbours)
+    settings = resolve(config, device, _precision(device), team.neighbours, start.sha256 if start else "")
     if settings.actuation and u is None:
         raise InputError("actuation: expected u of every image, got none; give u, or leave actuation out")
     if settings.past and previous is None:
@@ -134,10 +140,21 @@ def train(
         auxiliary_scale=tuple(scale_of(samples.auxiliary[train_index]).tolist()),
     )
     with _compute(settings):
-        run = open_run(identity, folder, resume, team)
+        weights = _first_weights(start, identity, samples) if start else None
+        run = open_run(identity, folder, resume, team, weights)
         if not run.position.complete:
             _run(run, samples, fresh, progress if team.first else None)
     return TrainResult(folder, run.history, run.history[run.position.best_epoch - 1])
+
+
+def _first_weights(start: Start, identity: RunIdentity, samples: Samples) -> dict[str, Tensor]:
+    """Those of the network to start from, normalised by images from all over the training part."""
+    settings, index = identity.settings, samples.train_index
+    check_start(start, settings, identity.image_size)
+    chosen = index[np.linspace(0, len(index) - 1, min(len(index), _START_IMAGES)).astype(np.intp)]
+    seen = stacks(samples.previous, settings.past, len(samples.images))[chosen]
+    u = None if samples.u is None else samples.u[chosen]
+    return first_weights(start, identity, *_tensors(samples.images[seen], u, "cpu"))
 
 
 def _run(

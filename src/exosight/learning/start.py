@@ -1,0 +1,150 @@
+"""Starting from a network that has learned already, in place of random weights.
+
+An exported file has the batch normalisation folded into the convolutions. It comes back around the same
+answers: normalising with the mean and deviation that the features have on some images, then undoing it,
+leaves every answer as it was, and training goes on from there as if it had never been folded.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from jaxtyping import Float
+from torch import Tensor, nn
+
+from exosight.errors import DataError, InputError
+from exosight.learning.checkpoint import RunIdentity
+from exosight.learning.config import Settings
+from exosight.learning.model_file import ModelCard, open_model, sealed
+from exosight.learning.networks import ForceModel, Network
+from exosight.learning.samples import CONTACTS
+
+_PREFIX = "model.network."
+_SCALE = "model.scale"
+
+
+@dataclass(frozen=True)
+class Start:
+    """A network to start from, as its file has it."""
+
+    card: ModelCard
+    sha256: str
+    """of the file, as its seal has it"""
+    weights: Mapping[str, Tensor]
+    """by the name of the layer in `Network`; a convolution's bias is that of its normalisation as well"""
+    scale: Float[Tensor, "7"]
+    """newtons that one unit of its output stands for, C1…C7"""
+
+
+def load_start(path: Path) -> Start:
+    """Read a network from the ONNX file that a run exported; nothing in it is executed.
+
+    Raises DataError if it is missing, truncated, changed, or no network of this version of exosight.
+    """
+    _, card = open_model(path, threads=1)
+    data = path.read_bytes()
+    graph = onnx.load_from_string(data).graph
+    arrays = {tensor.name: onnx.numpy_helper.to_array(tensor) for tensor in graph.initializer}
+    weights = {}
+    for node in graph.node:
+        if len(node.input) < 2 or not node.input[1].startswith(_PREFIX) or node.input[1] not in arrays:
+            continue
+        layer = node.input[1].removeprefix(_PREFIX).removesuffix(".weight")
+        weights[f"{layer}.weight"] = arrays[node.input[1]]
+        if len(node.input) > 2:
+            weights[f"{layer}.bias"] = arrays.get(node.input[2], np.full(1, np.nan))
+    scale = arrays.get(_SCALE, np.full(1, np.nan))
+    if scale.shape != (len(CONTACTS),) or not all(
+        x.dtype == np.float32 and np.isfinite(x).all() for x in [scale, *weights.values()]
+    ):
+        raise DataError(f"{path}: its weights are not those of an estimator of exosight; export it again")
+    return Start(
+        card,
+        sealed(data),
+        {name: torch.from_numpy(array.copy()) for name, array in weights.items()},
+        torch.from_numpy(scale.copy()),
+    )
+
+
+def check_start(start: Start, settings: Settings, image_size: tuple[int, int]) -> None:
+    """Raise InputError unless the network to start from is of the kind that is to be trained."""
+    card = start.card
+    there = (card.network, (card.image_height, card.image_width), card.past, card.actuation)
+    asked = (settings.network, image_size, settings.past, settings.actuation)
+    names = ("network", "image size", "past", "actuation")
+    for name, has, wants in zip(names, there, asked, strict=True):
+        if has != wants:
+            raise InputError(
+                f"start: its {name} is {has}, asked for is {wants}; start from a network of the same kind"
+            )
+
+
+def first_weights(
+    start: Start,
+    identity: RunIdentity,
+    images: Float[Tensor, "batch images height width"],
+    u: Float[Tensor, " batch"] | None,
+) -> dict[str, Tensor]:
+    """The weights with which a run's network answers, before its first step, as the one it starts from.
+
+    images, u   some hundreds of those that it will learn from: they only set what is normalised by
+
+    Raises DataError if the layers are others than this version of exosight builds.
+    """
+    network = identity.build_network().eval()
+    pairs = _normalised(network)
+    weights = dict(start.weights)
+    for convolution, norm in pairs.items():
+        bias = weights.get(f"{convolution}.bias", torch.empty(0))
+        # Mean and variance are of no account as yet: `_normalise` comes before their first use.
+        weights[f"{norm}.bias"] = bias
+        weights[f"{norm}.weight"] = weights[f"{norm}.running_var"] = torch.ones_like(bias)
+        weights[f"{norm}.running_mean"] = weights[f"{convolution}.bias"] = torch.zeros_like(bias)
+        weights[f"{norm}.num_batches_tracked"] = torch.tensor(0)
+    expected = network.state_dict()
+    weights = {name: weights.get(name, torch.empty(0)) for name in expected}
+    for name, tensor in expected.items():
+        if weights[name].shape != tensor.shape:
+            raise DataError(
+                f"start: expected {name} of shape {tuple(tensor.shape)}, the file has "
+                f"{tuple(weights[name].shape)}; export the network again with this version of exosight"
+            )
+    network.load_state_dict(weights)
+    for norm in pairs.values():
+        network.get_submodule(norm).register_forward_pre_hook(_normalise)
+    with torch.no_grad():
+        network(images, u)
+        _rescale(list(network)[-1], start.scale / torch.tensor(identity.force_scale, dtype=torch.float32))
+    return {name: tensor.detach().clone() for name, tensor in network.state_dict().items()}
+
+
+def _normalised(network: Network) -> dict[str, str]:
+    """Names of the convolutions, and of the layers that normalise what comes out of them."""
+    layers = [(name, layer) for name, layer in network.named_modules() if not list(layer.children())]
+    return {
+        before: name for (before, _), (name, layer) in pairwise(layers) if isinstance(layer, nn.BatchNorm2d)
+    }
+
+
+def _normalise(layer: nn.Module, arguments: tuple[Tensor]) -> None:
+    """Let a layer that passes on its input, but for a bias, normalise it and undo that again."""
+    assert isinstance(layer, nn.BatchNorm2d)
+    variance, mean = torch.var_mean(arguments[0], (0, 2, 3), correction=0)
+    layer.weight.copy_((variance + layer.eps).sqrt())
+    layer.bias.add_(mean)
+    layer.running_mean.copy_(mean)
+    layer.running_var.copy_(variance)
+
+
+def _rescale(last: nn.Module, ratio: Float[Tensor, "7"]) -> None:
+    """Give answers in units of another force scale: forces and, as logarithms, the errors to be expected."""
+    assert isinstance(last, nn.Linear)
+    count = len(CONTACTS)
+    last.weight[:count].mul_(ratio[:, None])
+    last.bias[:count].mul_(ratio)
+    if last.out_features > count:
+        last.bias[count : 2 * count].add_(ratio.log())
