@@ -79,7 +79,7 @@ def test_it_answers_as_the_file_whatever_the_units_of_its_forces(
 def test_images_are_normalised_by_their_own_mean_and_deviation(
     start: Start, trained: Path, blobs: Samples
 ) -> None:
-    """In training, where each batch is, the answers are the same as well: nothing is lost in the first step."""
+    """In training, where each batch is, the answers are the same: nothing is lost in the first step."""
     run = load_checkpoint(trained).run
     images = torch.from_numpy(blobs.images).float()[:, None] / 255
     network = as_network(run, first_weights(start, run, images, None))
@@ -145,7 +145,7 @@ def test_a_run_is_taken_up_only_with_the_same_start(
     go(tmp_path / "whole", start=start)
     with pytest.raises(KeyboardInterrupt):
         go(tmp_path / "stopped", start=start, progress=stop)
-    with pytest.raises(InputError, match=f"its start is {start.sha256}, asked for is ;"):
+    with pytest.raises(InputError, match=f"its start is {start.sha256}, asked for is random weights"):
         go(tmp_path / "stopped", resume=True)
     go(tmp_path / "stopped", start=start, resume=True)
     whole, stopped = (load_checkpoint(tmp_path / name).tensors for name in ("whole", "stopped"))

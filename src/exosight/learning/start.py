@@ -20,7 +20,7 @@ from exosight.errors import DataError, InputError
 from exosight.learning.checkpoint import RunIdentity
 from exosight.learning.config import Settings
 from exosight.learning.model_file import ModelCard, open_model, sealed
-from exosight.learning.networks import ForceModel, Network
+from exosight.learning.networks import Network
 from exosight.learning.samples import CONTACTS
 
 _PREFIX = "model.network."
