@@ -27,7 +27,7 @@ from exosight.learning.team import ALONE, Team
 from exosight.vision.camera import Camera
 
 if TYPE_CHECKING:
-    from exosight.learning import Start  # needs PyTorch
+    from exosight.learning import Pretrained  # needs PyTorch
 
 HINGES = 3
 """Coordinates of a pose that are joint angles: the last."""
@@ -110,22 +110,23 @@ def fit(
     *,
     more: Sequence[Path] = (),
     fresh: int = 0,
-    start: "Start | None" = None,
+    pretrained: "Pretrained | None" = None,
     resume: bool,
     progress: Callable[[int, int], None] = lambda done, total: None,
     team: Team = ALONE,
 ) -> tuple[EpochRecord, ...]:
     """Train a network, export it to `folder/model.onnx`, and return its loss curves.
 
-    more   folders of datasets to learn from as well, without what `split` keeps for judging, see `widened`
-    fresh  shapes of each scenario simulated anew for each epoch, see `exosight.dataset.stream`
-    start  the network to start from, in place of random weights, see `exosight.learning.load_start`
-    team   the processes that train together, see `exosight.learning.parallel`; the first exports
+    more        folders of datasets to learn from as well, without what `split` keeps for judging, see
+                `widened`
+    fresh       shapes of each scenario simulated anew for each epoch, see `exosight.dataset.stream`
+    pretrained  the network to start from, see `exosight.learning.load_pretrained`; None: random weights
+    team        the processes that train together, see `exosight.learning.parallel`; the first exports
     """
     from exosight.learning import export_onnx, train
 
-    if start:
-        _check_unseen(start.card, data, split)
+    if pretrained:
+        _check_unseen(pretrained.card, data, split)
     about = {**identity(data, split, [read_manifest(folder) for folder in more]), "fresh": fresh}
     frames, wider = widened(data, split, map(load, more))  # one at a time: they are large
     if config.past:
@@ -142,7 +143,7 @@ def fit(
         u=frames.u,
         previous=previous(frames),
         fresh=_fresh(data, fresh) if fresh else None,
-        start=start,
+        pretrained=pretrained,
         resume=resume,
         progress=lambda at: progress(at.step, at.steps),
         team=team,
@@ -155,9 +156,9 @@ def fit(
     return result.history
 
 
-def _check_unseen(start: ModelCard, data: Data, split: Split) -> None:
+def _check_unseen(pretrained: ModelCard, data: Data, split: Split) -> None:
     """Raise InputError if a network to start from is known to have learned from what is kept for judging."""
-    mine, known = dataset_identity(data.manifest)["sha256"], start.data
+    mine, known = dataset_identity(data.manifest)["sha256"], pretrained.data
     there = known.get("protocol"), known.get("split_seed"), known.get("held_out") or None
     asked = split.protocol, split.seed, split.held_out
     if mine in str(known.get("more", "")).split(", "):
@@ -169,7 +170,7 @@ def _check_unseen(start: ModelCard, data: Data, split: Split) -> None:
     else:
         return
     raise InputError(
-        f"start: expected a network that has not seen what is kept for testing, got one that {problem}; "
+        f"pretrained: expected a network that has not seen what is kept for testing, got one that {problem}; "
         "divide the data as it did, or start from another"
     )
 

@@ -14,7 +14,7 @@ from exosight.learning.history import EpochRecord, read_history
 if TYPE_CHECKING:
     from exosight.learning.checkpoint import load_model
     from exosight.learning.export import export_onnx
-    from exosight.learning.start import Start, load_start
+    from exosight.learning.pretrained import Pretrained, load_pretrained
     from exosight.learning.training import Progress, TrainResult, train
 
 # Set before PyTorch is loaded: its OpenMP threads otherwise spin while they wait for each other, which beside
@@ -23,24 +23,24 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 __all__ = [
     "EpochRecord",
+    "Pretrained",
     "Progress",
-    "Start",
     "TrainConfig",
     "TrainResult",
     "export_onnx",
     "load_model",
-    "load_start",
+    "load_pretrained",
     "read_history",
     "train",
 ]
 
 _NEEDS_TORCH = {
     "Progress": "training",
-    "Start": "start",
+    "Pretrained": "pretrained",
     "TrainResult": "training",
     "export_onnx": "export",
     "load_model": "checkpoint",
-    "load_start": "start",
+    "load_pretrained": "pretrained",
     "train": "training",
 }
 

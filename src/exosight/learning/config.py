@@ -17,7 +17,7 @@ Precision = Literal["float32", "bfloat16"]
 MOST_PAST = 8
 """Earlier images that a network may see at most."""
 
-STARTED = 1 / 3
+PRETRAINED_SHARE = 1 / 3
 """Share of the recipe's learning rate for a network that does not start from random weights: the whole of it
 first loses much of what is known (docs/log.md)."""
 
@@ -36,7 +36,7 @@ class TrainConfig:
     epochs: Annotated[int, Field(ge=1, le=100_000)] | None = None
     """passes over the training part; default: the recipe's (paper: at most, it stops when it stalls)"""
     learning_rate: Annotated[float, Field(gt=0, le=1)] | None = None
-    """largest learning rate; default: the recipe's, a third of it with --start"""
+    """largest learning rate; default: the recipe's, a third of it with --pretrained"""
     batch: Annotated[int, Field(ge=4, le=65_536)] | None = None
     """images a step; default: the recipe's"""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
@@ -69,7 +69,7 @@ class Settings:
     # Last, and with defaults: checkpoints of runs that were begun without them are read as well.
     past: int = 0
     actuation: bool = False
-    start: str = ""
+    pretrained: str = ""
     """SHA-256 of the network that it started from; empty where the first weights were random"""
 
 
@@ -78,13 +78,13 @@ def resolve(
     device: Literal["cpu", "cuda"],
     precision: Precision,
     neighbours: int = 1,
-    start: str = "",
+    pretrained: str = "",
 ) -> Settings:
     """Spell out the defaults.
 
     device, precision   what `auto` means on this machine, which only PyTorch can tell
     neighbours          processes that share the cores of this machine, itself included
-    start               SHA-256 of the network to start from, if there is one
+    pretrained          SHA-256 of the network to start from, if there is one
 
     Raises InputError if the paper's network is to see more than the image.
     """
@@ -94,11 +94,12 @@ def resolve(
             f"past {config.past} and actuation {config.actuation}; use the light one"
         )
     recipe = config.recipe or _RECIPE_OF_NETWORK[config.network]
+    share = PRETRAINED_SHARE if pretrained else 1
     return Settings(
         network=config.network,
         recipe=recipe,
         epochs=config.epochs or RECIPES[recipe].epochs,
-        learning_rate=config.learning_rate or RECIPES[recipe].learning_rate * (STARTED if start else 1),
+        learning_rate=config.learning_rate or share * RECIPES[recipe].learning_rate,
         batch=config.batch or RECIPES[recipe].batch,
         seed=config.seed,
         threads=config.threads or max(1, cores() // neighbours),
@@ -106,5 +107,5 @@ def resolve(
         precision=RECIPES[recipe].precision or precision if config.precision == "auto" else config.precision,
         past=config.past,
         actuation=config.actuation,
-        start=start,
+        pretrained=pretrained,
     )

@@ -145,7 +145,7 @@ def copy_of(network: nn.Module) -> dict[str, Tensor]:
 def _difference(there: Mapping, asked: Mapping) -> str | None:
     """Name the first entry in which two runs differ; None where they are the same."""
     # What a run starts from comes first, as it decides other defaults.
-    for key in sorted([*there, *(asked.keys() - there.keys())], key=lambda key: key != "start"):
+    for key in sorted([*there, *(asked.keys() - there.keys())], key=lambda key: key != "pretrained"):
         before, now = there.get(key), asked.get(key)
         if isinstance(before, dict) and isinstance(now, dict):
             if inner := _difference(before, now):
@@ -153,7 +153,7 @@ def _difference(there: Mapping, asked: Mapping) -> str | None:
         elif before != now:
             if key == "fingerprint":
                 return "its frames or their split are others"
-            if key == "start":
-                before, now = before or "random weights", now or "random weights"
+            if key == "pretrained":
+                before, now = before or "none", now or "none"
             return f"its {key} is {before}, asked for is {now}"
     return None

@@ -24,6 +24,7 @@ from exosight.learning.history import EpochRecord
 from exosight.learning.losses import force_loss, training_loss
 from exosight.learning.networks import ForceModel, answers
 from exosight.learning.parallel import add_up, choose_device, share, share_block
+from exosight.learning.pretrained import Pretrained, check_pretrained, first_weights
 from exosight.learning.recipes import RECIPES
 from exosight.learning.run import Run, open_run
 from exosight.learning.samples import (
@@ -36,7 +37,6 @@ from exosight.learning.samples import (
     scale_of,
     stacks,
 )
-from exosight.learning.start import Start, check_start, first_weights
 from exosight.learning.team import ALONE, Team
 
 CHECKPOINT_SECONDS = 30.0
@@ -47,7 +47,7 @@ BOARD_NAME = "tensorboard"
 
 _VALIDATION_BATCH = 256
 
-_START_IMAGES = 512
+_PRETRAINED_IMAGES = 512
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def train(
     u: Float32[np.ndarray, " loads"] | None = None,
     previous: Integer[np.ndarray, " links"] | None = None,
     fresh: Blocks | None = None,
-    start: Start | None = None,
+    pretrained: Pretrained | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
     team: Team = ALONE,
@@ -106,7 +106,7 @@ def train(
     previous          the frame before each on the way of its exosuit, or its own number where there is none,
                       for a network that sees earlier images
     fresh             frames learned from in one epoch only, in place of as many of the others
-    start             a network whose weights are the first, in place of random ones
+    pretrained        a network whose weights are the first, in place of random ones
     team              the processes that train together, each calling this alike; the first writes
 
     Raises InputError for frames that cannot be learned from, a folder that already holds a run, a run to be
@@ -116,7 +116,8 @@ def train(
     if auxiliary is None:
         auxiliary = np.empty((len(images), 0), np.float32)
     device = choose_device(config.device)
-    settings = resolve(config, device, _precision(device), team.neighbours, start.sha256 if start else "")
+    first = pretrained.sha256 if pretrained else ""
+    settings = resolve(config, device, _precision(device), team.neighbours, first)
     if settings.actuation and u is None:
         raise InputError("actuation: expected u of every image, got none; give u, or leave actuation out")
     if settings.past and previous is None:
@@ -140,21 +141,21 @@ def train(
         auxiliary_scale=tuple(scale_of(samples.auxiliary[train_index]).tolist()),
     )
     with _compute(settings):
-        weights = _first_weights(start, identity, samples) if start else None
+        weights = _first_weights(pretrained, identity, samples) if pretrained else None
         run = open_run(identity, folder, resume, team, weights)
         if not run.position.complete:
             _run(run, samples, fresh, progress if team.first else None)
     return TrainResult(folder, run.history, run.history[run.position.best_epoch - 1])
 
 
-def _first_weights(start: Start, identity: RunIdentity, samples: Samples) -> dict[str, Tensor]:
+def _first_weights(pretrained: Pretrained, identity: RunIdentity, samples: Samples) -> dict[str, Tensor]:
     """Those of the network to start from, normalised by images from all over the training part."""
     settings, index = identity.settings, samples.train_index
-    check_start(start, settings, identity.image_size)
-    chosen = index[np.linspace(0, len(index) - 1, min(len(index), _START_IMAGES)).astype(np.intp)]
+    check_pretrained(pretrained, settings, identity.image_size)
+    chosen = index[np.linspace(0, len(index) - 1, min(len(index), _PRETRAINED_IMAGES)).astype(np.intp)]
     seen = stacks(samples.previous, settings.past, len(samples.images))[chosen]
     u = None if samples.u is None else samples.u[chosen]
-    return first_weights(start, identity, *_tensors(samples.images[seen], u, "cpu"))
+    return first_weights(pretrained, identity, *_tensors(samples.images[seen], u, "cpu"))
 
 
 def _run(

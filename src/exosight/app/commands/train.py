@@ -13,7 +13,7 @@ from exosight.learning.config import TrainConfig
 DEFAULT = TrainConfig()
 
 SHIPPED = "shipped"
-"""What --start calls the network in the package."""
+"""What --pretrained calls the network in the package."""
 
 
 def train(
@@ -21,7 +21,7 @@ def train(
     out: Path,
     more: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH …", help_behavior_hint="")] = (),
     fresh: Annotated[int, tyro.conf.arg(metavar="SHAPES")] = 0,
-    start: Annotated[str | None, tyro.conf.arg(metavar="MODEL", help_behavior_hint="")] = None,
+    pretrained: Annotated[str | None, tyro.conf.arg(metavar="MODEL", help_behavior_hint="")] = None,
     protocol: Literal["shape", "frame", "family"] = "shape",
     held_out: Annotated[str | None, tyro.conf.arg(metavar="FAMILY", help_behavior_hint="")] = None,
     split_seed: Seed = 0,
@@ -34,12 +34,12 @@ def train(
     (history.csv) and the network (model.onnx), each with configuration, seed and identity of the data.
     Started by torchrun, several processes, each with a GPU of its own, train one network.
 
-    With --start it goes on from a network that has learned already, such as the shipped one: what is not
+    With --pretrained it goes on from a network that has learned already, such as the shipped one: what is not
     much different, another camera or finger, it then learns in minutes.
 
     Examples:
       exosight train --data results/data --out results/light
-      exosight train --data results/mine --out results/light --start shipped --epochs 4
+      exosight train --data results/mine --out results/light --pretrained shipped --epochs 4
 
     Args:
         data: folder of a dataset, from `exosight generate`
@@ -47,7 +47,7 @@ def train(
         more: folders of further datasets to learn from; what --data keeps for judging is left out of them, as
             is a held-out family
         fresh: shapes of each scenario simulated anew for every epoch, and learned from in it alone
-        start: a network to start from in place of random weights: its model.onnx, or 'shipped'
+        pretrained: a network to start from in place of random weights: its model.onnx, or 'shipped'
         protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's) or family
         held_out: family of shapes kept for testing, with --protocol family
         split_seed: seed of the division
@@ -67,11 +67,11 @@ def train(
 
     check_training()
     from exosight.control.estimator import DEFAULT_MODEL
-    from exosight.learning import load_start
+    from exosight.learning import load_pretrained
     from exosight.learning.parallel import join
 
-    place = DEFAULT_MODEL if start == SHIPPED else Path(start) if start else None
-    begun = load_start(place) if place else None
+    place = DEFAULT_MODEL if pretrained == SHIPPED else Path(pretrained) if pretrained else None
+    begun = load_pretrained(place) if place else None
     with join(config.device) as team:
         loaded = load(data)
         split = make_split(loaded.frames, protocol, split_seed, held_out)
@@ -83,7 +83,7 @@ def train(
                 out,
                 more=more,
                 fresh=fresh,
-                start=begun,
+                pretrained=begun,
                 resume=resume,
                 progress=update,
                 team=team,

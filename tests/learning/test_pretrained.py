@@ -9,15 +9,15 @@ import pytest
 import torch
 
 from exosight.errors import DataError, InputError
-from exosight.learning import TrainConfig, export_onnx, load_model, load_start, read_history, train
+from exosight.learning import TrainConfig, export_onnx, load_model, load_pretrained, read_history, train
 from exosight.learning.beside import Beside
 from exosight.learning.checkpoint import RunIdentity, load_checkpoint
-from exosight.learning.config import STARTED, resolve
+from exosight.learning.config import PRETRAINED_SHARE, resolve
 from exosight.learning.model_file import open_model, seal
 from exosight.learning.networks import ForceModel, Network, build_network
+from exosight.learning.pretrained import Pretrained, first_weights
 from exosight.learning.recipes import RECIPES
 from exosight.learning.samples import Samples
-from exosight.learning.start import Start, first_weights
 
 _KINDS = {
     "light": (TrainConfig(epochs=2, batch=16, threads=1, precision="float32"), (40, 40)),
@@ -30,10 +30,10 @@ _KINDS = {
 
 
 @pytest.fixture(scope="module")
-def start(trained: Path, blobs: Samples, tmp_path_factory: pytest.TempPathFactory) -> Start:
-    path = tmp_path_factory.mktemp("start") / "light.onnx"
+def pretrained(trained: Path, blobs: Samples, tmp_path_factory: pytest.TempPathFactory) -> Pretrained:
+    path = tmp_path_factory.mktemp("pretrained") / "light.onnx"
     export_onnx(trained, path, blobs.images[64:], blobs.forces[64:])
-    return load_start(path)
+    return load_pretrained(path)
 
 
 def as_network(identity: RunIdentity, weights: dict[str, torch.Tensor]) -> Network:
@@ -66,7 +66,7 @@ def test_it_answers_as_the_file_whatever_the_units_of_its_forces(
     run = load_checkpoint(tmp_path).run
     mine = replace(run, force_scale=tuple(rng.uniform(0.1, 3, 7).tolist()))
     asked = torch.from_numpy(seen), torch.from_numpy(u[:8]) if config.actuation else None
-    weights = first_weights(load_start(tmp_path / "model.onnx"), mine, *asked)
+    weights = first_weights(load_pretrained(tmp_path / "model.onnx"), mine, *asked)
     with torch.inference_mode():
         model = ForceModel(as_network(mine, weights), torch.tensor(mine.force_scale)).eval()
         found = model(*asked)
@@ -77,12 +77,12 @@ def test_it_answers_as_the_file_whatever_the_units_of_its_forces(
 
 
 def test_images_are_normalised_by_their_own_mean_and_deviation(
-    start: Start, trained: Path, blobs: Samples
+    pretrained: Pretrained, trained: Path, blobs: Samples
 ) -> None:
     """In training, where each batch is, the answers are the same: nothing is lost in the first step."""
     run = load_checkpoint(trained).run
     images = torch.from_numpy(blobs.images).float()[:, None] / 255
-    network = as_network(run, first_weights(start, run, images, None))
+    network = as_network(run, first_weights(pretrained, run, images, None))
     with torch.no_grad():
         still, moving = network.eval()(images), network.train()(images)
     # Channels that are zero throughout are divided by the root of their 1e-5.
@@ -94,41 +94,41 @@ def test_images_are_normalised_by_their_own_mean_and_deviation(
 
 
 def test_a_run_begins_where_the_other_ended(
-    start: Start, trained: Path, blobs: Samples, small: TrainConfig, tmp_path: Path, identity: dict
+    pretrained: Pretrained, trained: Path, blobs: Samples, small: TrainConfig, tmp_path: Path, identity: dict
 ) -> None:
     still = replace(small, recipe="clean", epochs=1, learning_rate=1e-9)
     index = blobs.train_index, blobs.validation_index
-    options = {"auxiliary": blobs.auxiliary}
-    train(still, blobs.images, blobs.forces, *index, tmp_path / "run", identity, start=start, **options)
+    told: dict = {"auxiliary": blobs.auxiliary, "pretrained": pretrained}
+    train(still, blobs.images, blobs.forces, *index, tmp_path / "run", identity, **told)
     images = torch.from_numpy(blobs.images[64:]).float()[:, None] / 255
     with torch.inference_mode():
         before, after = (load_model(folder)(images)[0] for folder in (trained, tmp_path / "run"))
     # Forces go up to 2; the running statistics move with batches of 16 images, by about a percent.
     np.testing.assert_allclose(after.numpy(), before.numpy(), atol=0.04)
     settings = load_checkpoint(tmp_path / "run").run.settings
-    assert settings.start == start.sha256
+    assert settings.pretrained == pretrained.sha256
     assert read_history(tmp_path / "run")[0].learning_rate < 1e-9
 
 
 def test_it_is_ahead_of_random_weights(
-    start: Start, blobs: Samples, small: TrainConfig, tmp_path: Path, identity: dict
+    pretrained: Pretrained, blobs: Samples, small: TrainConfig, tmp_path: Path, identity: dict
 ) -> None:
     config, index = replace(small, epochs=1), (blobs.train_index, blobs.validation_index)
     losses = []
-    for name, first in (("random", None), ("learned", start)):
+    for name, first in (("random", None), ("learned", pretrained)):
         folder = tmp_path / name
         train(
             config,
             *(blobs.images, blobs.forces, *index, folder, identity),
             auxiliary=blobs.auxiliary,
-            start=first,
+            pretrained=first,
         )
         losses.append(read_history(folder)[0].validation_loss or np.inf)
     assert losses[1] < 0.7 * losses[0]
 
 
 def test_a_run_is_taken_up_only_with_the_same_start(
-    start: Start, blobs: Samples, small: TrainConfig, tmp_path: Path, identity: dict
+    pretrained: Pretrained, blobs: Samples, small: TrainConfig, tmp_path: Path, identity: dict
 ) -> None:
     """Killed after its first epoch and taken up, it ends as one that never stopped, to the last bit."""
     config = replace(small, epochs=2)
@@ -142,12 +142,12 @@ def test_a_run_is_taken_up_only_with_the_same_start(
         if at.epoch == 2:
             raise KeyboardInterrupt
 
-    go(tmp_path / "whole", start=start)
+    go(tmp_path / "whole", pretrained=pretrained)
     with pytest.raises(KeyboardInterrupt):
-        go(tmp_path / "stopped", start=start, progress=stop)
-    with pytest.raises(InputError, match=f"its start is {start.sha256}, asked for is random weights"):
+        go(tmp_path / "stopped", pretrained=pretrained, progress=stop)
+    with pytest.raises(InputError, match=f"its pretrained is {pretrained.sha256}, asked for is none"):
         go(tmp_path / "stopped", resume=True)
-    go(tmp_path / "stopped", start=start, resume=True)
+    go(tmp_path / "stopped", pretrained=pretrained, resume=True)
     whole, stopped = (load_checkpoint(tmp_path / name).tensors for name in ("whole", "stopped"))
     assert all(torch.equal(whole[name], stopped[name]) for name in whole)
 
@@ -156,10 +156,12 @@ def test_it_is_driven_less_hard() -> None:
     for recipe in ("modern", "clean"):
         config = TrainConfig(recipe=recipe)
         usual = resolve(config, "cpu", "float32").learning_rate
-        assert resolve(config, "cpu", "float32", start="x").learning_rate == pytest.approx(usual * STARTED)
+        assert resolve(config, "cpu", "float32", pretrained="x").learning_rate == pytest.approx(
+            usual * PRETRAINED_SHARE
+        )
         assert usual == RECIPES[recipe].learning_rate
         asked = replace(config, learning_rate=0.5)
-        assert resolve(asked, "cpu", "float32", start="x").learning_rate == 0.5
+        assert resolve(asked, "cpu", "float32", pretrained="x").learning_rate == 0.5
 
 
 @pytest.mark.parametrize(
@@ -172,29 +174,36 @@ def test_it_is_driven_less_hard() -> None:
     ],
 )
 def test_a_network_of_another_kind_is_refused(
-    config: TrainConfig, size: tuple[int, int], said: str, start: Start, tmp_path: Path, identity: dict
+    config: TrainConfig,
+    size: tuple[int, int],
+    said: str,
+    pretrained: Pretrained,
+    tmp_path: Path,
+    identity: dict,
 ) -> None:
     images, forces = np.zeros((24, *size), np.uint8), np.ones((24, 7), np.float32)
     told = {"u": np.zeros(24, np.float32), "previous": np.arange(24)}
-    with pytest.raises(InputError, match=f"start: {said}; start from a network of the same kind"):
+    with pytest.raises(InputError, match=f"pretrained: {said}; start from one of the same kind"):
         train(
             replace(config, batch=8),
             *(images, forces, np.arange(16), np.arange(16, 24), tmp_path / "run", identity),
-            start=start,
+            pretrained=pretrained,
             **told,
         )
     assert not (tmp_path / "run").exists()
 
 
 def test_other_layers_than_ours_are_refused(
-    start: Start, trained: Path, blobs: Samples, small: TrainConfig
+    pretrained: Pretrained, trained: Path, blobs: Samples, small: TrainConfig
 ) -> None:
     run = load_checkpoint(trained).run
     images = torch.from_numpy(blobs.images[:8]).float()[:, None] / 255
-    other = dict(start.weights)
+    other = dict(pretrained.weights)
     other["10.weight"] = other["10.weight"][:, :-1]
-    with pytest.raises(DataError, match=r"start: expected 10.weight of shape \(128, 256\), the file has"):
-        first_weights(replace(start, weights=other), run, images, None)
+    with pytest.raises(
+        DataError, match=r"pretrained: expected 10.weight of shape \(128, 256\), the file has"
+    ):
+        first_weights(replace(pretrained, weights=other), run, images, None)
 
 
 def test_what_is_not_a_finite_weight_is_refused(trained: Path, blobs: Samples, tmp_path: Path) -> None:
@@ -207,9 +216,9 @@ def test_what_is_not_a_finite_weight_is_refused(trained: Path, blobs: Samples, t
     broken.CopyFrom(onnx.numpy_helper.from_array(np.full(shape, np.nan, np.float32), broken.name))
     path.write_bytes(seal(proto.SerializeToString()))
     with pytest.raises(DataError, match="its weights are not those of an estimator of exosight"):
-        load_start(path)
+        load_pretrained(path)
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(DataError, match="truncated or changed"):
-        load_start(path)
+        load_pretrained(path)
     with pytest.raises(DataError, match="cannot be read"):
-        load_start(tmp_path / "none.onnx")
+        load_pretrained(tmp_path / "none.onnx")

@@ -28,7 +28,7 @@ _SCALE = "model.scale"
 
 
 @dataclass(frozen=True)
-class Start:
+class Pretrained:
     """A network to start from, as its file has it."""
 
     card: ModelCard
@@ -40,7 +40,7 @@ class Start:
     """newtons that one unit of its output stands for, C1…C7"""
 
 
-def load_start(path: Path) -> Start:
+def load_pretrained(path: Path) -> Pretrained:
     """Read a network from the ONNX file that a run exported; nothing in it is executed.
 
     Raises DataError if it is missing, truncated, changed, or no network of this version of exosight.
@@ -62,7 +62,7 @@ def load_start(path: Path) -> Start:
         x.dtype == np.float32 and np.isfinite(x).all() for x in [scale, *weights.values()]
     ):
         raise DataError(f"{path}: its weights are not those of an estimator of exosight; export it again")
-    return Start(
+    return Pretrained(
         card,
         sealed(data),
         {name: torch.from_numpy(array.copy()) for name, array in weights.items()},
@@ -70,21 +70,21 @@ def load_start(path: Path) -> Start:
     )
 
 
-def check_start(start: Start, settings: Settings, image_size: tuple[int, int]) -> None:
+def check_pretrained(pretrained: Pretrained, settings: Settings, image_size: tuple[int, int]) -> None:
     """Raise InputError unless the network to start from is of the kind that is to be trained."""
-    card = start.card
+    card = pretrained.card
     there = (card.network, (card.image_height, card.image_width), card.past, card.actuation)
     asked = (settings.network, image_size, settings.past, settings.actuation)
     names = ("network", "image size", "past", "actuation")
     for name, has, wants in zip(names, there, asked, strict=True):
         if has != wants:
             raise InputError(
-                f"start: its {name} is {has}, asked for is {wants}; start from a network of the same kind"
+                f"pretrained: its {name} is {has}, asked for is {wants}; start from one of the same kind"
             )
 
 
 def first_weights(
-    start: Start,
+    pretrained: Pretrained,
     identity: RunIdentity,
     images: Float[Tensor, "batch images height width"],
     u: Float[Tensor, " batch"] | None,
@@ -97,7 +97,7 @@ def first_weights(
     """
     network = identity.build_network().eval()
     pairs = _normalised(network)
-    weights = dict(start.weights)
+    weights = dict(pretrained.weights)
     for convolution, norm in pairs.items():
         bias = weights.get(f"{convolution}.bias", torch.empty(0))
         # Mean and variance are of no account as yet: `_normalise` comes before their first use.
@@ -110,7 +110,7 @@ def first_weights(
     for name, tensor in expected.items():
         if weights[name].shape != tensor.shape:
             raise DataError(
-                f"start: expected {name} of shape {tuple(tensor.shape)}, the file has "
+                f"pretrained: expected {name} of shape {tuple(tensor.shape)}, the file has "
                 f"{tuple(weights[name].shape)}; export the network again with this version of exosight"
             )
     network.load_state_dict(weights)
@@ -118,7 +118,7 @@ def first_weights(
         network.get_submodule(norm).register_forward_pre_hook(_normalise)
     with torch.no_grad():
         network(images, u)
-        _rescale(list(network)[-1], start.scale / torch.tensor(identity.force_scale, dtype=torch.float32))
+        _rescale(list(network)[-1], pretrained.scale / torch.tensor(identity.force_scale))
     return {name: tensor.detach().clone() for name, tensor in network.state_dict().items()}
 
 
