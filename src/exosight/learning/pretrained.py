@@ -133,6 +133,8 @@ def _normalised(network: Network) -> dict[str, str]:
 def _normalise(layer: nn.Module, arguments: tuple[Tensor]) -> None:
     """Let a layer that passes on its input, but for a bias, normalise it and undo that again."""
     assert isinstance(layer, nn.BatchNorm2d)
+    assert layer.running_mean is not None
+    assert layer.running_var is not None
     variance, mean = torch.var_mean(arguments[0], (0, 2, 3), correction=0)
     layer.weight.copy_((variance + layer.eps).sqrt())
     layer.bias.add_(mean)
