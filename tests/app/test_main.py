@@ -16,7 +16,11 @@ import pytest
 import exosight
 from exosight.app.main import COMMANDS, main
 from exosight.app.options import read_options
+from exosight.app.pipeline import load
+from exosight.app.pipeline import test_part as part_to_judge
+from exosight.control.estimator import OnnxEstimator
 from exosight.exosuit.scenarios import sample_shapes
+from exosight.learning.model_file import sealed
 from exosight.vision import UNLIKE
 from exosight.vision.camera import Camera
 
@@ -333,6 +337,48 @@ def test_held_out_family_and_protocol_belong_together(
 
 
 # Networks
+
+
+def test_what_cannot_be_started_from_is_refused(
+    refused: Refused, data: Path, run_folder: Path, tmp_path: Path
+) -> None:
+    """A network of another image size, a file that is none, one that knows what is to be judged by."""
+    words = ("train", "--data", data, "--out", tmp_path / "out", "--threads", "1", "--pretrained")
+    assert "its image size is (128, 128), asked for is (32, 32)" in refused(*words, "shipped")
+    assert "cannot be read" in refused(*words, tmp_path / "none.onnx")
+    own = run_folder / "model.onnx"
+    (tmp_path / "cut.onnx").write_bytes(own.read_bytes()[:-1000])
+    assert "truncated or changed" in refused(*words, tmp_path / "cut.onnx")
+    sentence = refused(*words, own, "--split-seed", "1")
+    assert "learned from this dataset divided otherwise (by shape, split seed 0)" in sentence
+    sentence = refused(*words, own, "--protocol", "family", "--held-out", "sine")
+    assert "learned from this dataset divided otherwise" in sentence
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_network_goes_on_from_another_and_says_so(
+    data: Path, run_folder: Path, tmp_path: Path, make_dataset: Callable[..., Path], refused: Refused
+) -> None:
+    own = run_folder / "model.onnx"
+    words = ["--epochs", "1", "--threads", "1", "--pretrained", str(own)]
+    main(["train", "--data", str(data), "--out", str(tmp_path / "same"), *words])
+    other = make_dataset(tmp_path / "other", shapes=sample_shapes(1, seed=5), seed=2)
+    wider = ["--more", str(data)]
+    main(["train", "--data", str(other), "--out", str(tmp_path / "wider"), *words, *wider])
+    found = OnnxEstimator.load(tmp_path / "wider" / "model.onnx")
+    assert found.card.training["pretrained"] == sealed(own.read_bytes())
+    assert part_to_judge(found.card, load(data))[1].endswith(
+        "which the network that it started from may know"
+    )
+    # Of `data` it has learned from all frames, so it is no start for a network that is judged by them.
+    again = ("train", "--data", data, "--out", tmp_path / "again", "--pretrained")
+    sentence = refused(*again, tmp_path / "wider" / "model.onnx")
+    assert "learned from the whole of this dataset" in sentence
+    sentence = refused(
+        *("train", "--data", other, "--out", tmp_path / "new", "--pretrained", own),
+        *("--protocol", "family", "--held-out", "sine"),
+    )
+    assert "learned from the family sine" in sentence
 
 
 def test_files_that_are_no_network_are_refused(

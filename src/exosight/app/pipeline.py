@@ -224,7 +224,8 @@ def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], 
     Of the dataset that it learned from, the test part of its own split; of any other, all frames.
     """
     if card.data.get("sha256") != dataset_identity(data.manifest)["sha256"]:
-        return np.arange(len(data.frames)), "all frames of another dataset"
+        doubt = ", which the network that it started from may know" if card.training.get("pretrained") else ""
+        return np.arange(len(data.frames)), f"all frames of another dataset{doubt}"
     try:
         protocol, seed = str(card.data["protocol"]), int(card.data["split_seed"])
         held_out = str(card.data["held_out"]) or None

@@ -39,7 +39,7 @@ def train(
 
     Examples:
       exosight train --data results/data --out results/light
-      exosight train --data results/mine --out results/light --pretrained shipped --epochs 4
+      exosight train --data mine --out adapted --pretrained shipped --epochs 4
 
     Args:
         data: folder of a dataset, from `exosight generate`
