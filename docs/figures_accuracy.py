@@ -1,4 +1,4 @@
-"""The tables and picture of docs/accuracy.md, from docs/results/accuracy/*.json; the numbers:
+"""The tables and pictures of docs/accuracy.md, from docs/results/accuracy/*.json; the numbers:
 
 DATA is `exosight generate --per-scenario 125`; each NAME.json but the last is
 `exosight evaluate --model results/NAME/model.onnx --data DATA --json docs/results/accuracy/NAME.json`, after
@@ -17,16 +17,25 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 from _parts.pages import fill, save, table_of
 from matplotlib.figure import Figure
 
+from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.evaluation.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
 from exosight.evaluation.metrics import CONTACTS
-from exosight.exosuit.shapes import FAMILIES
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.shapes import FAMILIES, ExosuitShape, Linear
+from exosight.exosuit.simulation import simulate
+from exosight.vision.camera import Camera
+from exosight.vision.scene import picture as seen
 
 HERE = Path(__file__).parent
-PAGE, RESULTS, IMAGE = HERE / "accuracy.md", HERE / "results" / "accuracy", HERE / "images" / "accuracy.png"
+PAGE, RESULTS = HERE / "accuracy.md", HERE / "results" / "accuracy"
+IMAGE, SHARES = HERE / "images" / "accuracy.png", HERE / "images" / "shares.png"
+TOLD_BY_SHARES = ExosuitShape(Linear(0.01, 0.0087), 0.109)
+"""One of the test exosuits that C7 is read worst of."""
 CASES = ("clean", "noise, low", "noise, medium", "noise, high", "contrast, low", "contrast, high")
 IMAGES = ("clean", "noise 0.001", "noise 0.01", "noise 0.1", "low contrast", "high contrast")
 PROTOCOLS = {
@@ -214,10 +223,33 @@ def picture(found: Found) -> Figure:
     return figure
 
 
+@styled
+def shares() -> Figure:
+    """C6, C7 and their sum along the way up of one exosuit, true and as the shipped network reads them."""
+    u = np.arange(0.0, 3.001, 0.05)
+    exosuit = Exosuit(TOLD_BY_SHARES)
+    pose = jax.tree.map(np.asarray, simulate(exosuit, u).pose)
+    true = 1e3 * pose.forces[:, 1:]
+    read = 1e3 * OnnxEstimator.load(DEFAULT_MODEL).estimate(seen(exosuit, pose, Camera()))
+    figure = new_figure(height=2.6, width=7.2)
+    panels = figure.subplots(1, 3, sharey=True)
+    for axes, name, places in zip(panels, ("C6", "C7", "C6 + C7"), ([5], [6], [5, 6]), strict=True):
+        axes.plot(u, true[:, places].sum(axis=1), color=BLUE, label="true")
+        axes.plot(
+            u, read[:, places].sum(axis=1), ".", color=VERMILION, markersize=4, label="read off the picture"
+        )
+        axes.set_title(name)
+        axes.set_xlabel("u [N]")
+    panels[0].set_ylabel("force [mN]")
+    panels[0].legend(loc="upper left")
+    return figure
+
+
 def main() -> None:
-    """Draw the picture and fill in the page."""
+    """Draw the pictures and fill in the page."""
     found = load()
     save(picture(found), IMAGE)
+    save(shares(), SHARES)
     fill(PAGE, tables(found))
 
 

@@ -92,6 +92,6 @@ def train(
         return
     parts = (len(split.train), len(split.validation), len(split.test))
     say("{} of its frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
-    best = min((r for r in history if r.validation_l1 is not None), key=lambda r: r.validation_l1 or 0.0)
+    best = min((r for r in history if r.validation_loss is not None), key=lambda r: r.validation_loss or 0.0)
     say(f"best epoch {best.epoch} of {len(history)}: validation error {best.validation_l1:.4f} N")
     say(f"wrote {out / MODEL}")

@@ -1,0 +1,50 @@
+"""Networks on pictures of another set-up than the shipped one learned from, before and after adapting to it.
+
+    exosight generate --out OTHER --per-scenario 125 --seed 7 --plant.joint-stiffness 1.5 1.5 \\
+        --plant.link-length 1.05 1.05 --camera.metres-per-pixel 0.00105 --lighting.exosuit-shade 0.45 0.45
+    exosight train --data OTHER --out adapted --epochs 4 --pretrained shipped
+    exosight train --data OTHER --out anew --epochs 4
+    python -m benchmarks.adapted OTHER shipped adapted/model.onnx anew/model.onnx --name other
+
+Each is judged on the same frames: those that `exosight train` keeps for testing, by shape.
+"""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from benchmarks.shifts import judge
+from exosight.app.pipeline import load
+from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+from exosight.dataset import make_split
+from exosight.dataset.frames import QUANTITIES, Frames
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results" / "accuracy"
+
+
+def run(folder: Path, models: list[str]) -> dict[str, dict[str, Any]]:
+    """Name of each network's folder, or `shipped` → what it is judged to be."""
+    frames = load(folder).frames
+    test = make_split(frames, "shape", 0).test
+    kept = Frames(**{name: getattr(frames, name)[test] for name in QUANTITIES})
+    found = {}
+    for model in models:
+        path = DEFAULT_MODEL if model == "shipped" else Path(model)
+        found[model if model == "shipped" else path.parent.name] = judge(OnnxEstimator.load(path), kept)
+    return found
+
+
+def main() -> None:
+    """Write the numbers as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("data", type=Path)
+    parser.add_argument("models", nargs="+", help="model.onnx of a run, or `shipped`")
+    parser.add_argument("--name", required=True, help="of the file, adapted_NAME.json")
+    chosen = parser.parse_args()
+    path = RESULTS / f"adapted_{chosen.name}.json"
+    path.write_text(json.dumps(run(chosen.data, chosen.models), indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
