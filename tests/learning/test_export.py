@@ -27,10 +27,32 @@ def test_onnx_runtime_answers_as_pytorch_does_for_any_batch(exported: Path, trai
     with torch.inference_mode():
         expected = load_model(trained)(torch.from_numpy(images))
     assert found[3].shape == (count,)
-    for mine, true in zip(found[:3], expected, strict=True):
+    for mine, true in zip(found[:2], expected[:2], strict=True):
         assert mine.shape == (count, 7)
         # Batch normalisation is folded into the convolutions, so float32 rounds elsewhere.
         assert np.abs(mine - true.numpy()).max() < 1e-5
+    # The log odds of contact differ by the same number in every image, see `contact_shift`.
+    shift = logit(found[2]) - logit(expected[2].numpy())
+    assert np.abs(shift - shift[0]).max() < 1e-4
+
+
+def logit(probability: np.ndarray) -> np.ndarray:
+    p = np.clip(probability.astype(np.float64), 1e-3, 1 - 1e-3)
+    return np.log(p / (1 - p))
+
+
+def test_contact_is_as_likely_as_it_is_frequent(trained: Path, blobs: Samples, exported: Path):
+    """On the frames that the file was exported with; the network itself says otherwise."""
+    session, _ = open_model(exported, 1)
+    images = blobs.images[64:, None].astype(np.float32) / 255
+    (found,) = session.run(["contact"], {"image": images})
+    with torch.inference_mode():
+        before = load_model(trained)(torch.from_numpy(images))[2].numpy().mean(axis=0)
+    share = (blobs.forces[64:] > 0).mean(axis=0)
+    tells = (share > 0) & (share < 1)
+    assert tells.any()
+    np.testing.assert_allclose(found.mean(axis=0)[tells], share[tells], atol=1e-4)
+    assert np.abs(before - share)[tells].max() > 1e-3
 
 
 def test_metadata_say_what_the_network_is(exported: Path):

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import torch
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float, Float32, UInt8
 from torch import Tensor, nn
 
 import exosight
@@ -19,6 +19,7 @@ from exosight.errors import DataError, InputError
 from exosight.files import replace_file
 from exosight.learning.beside import NOTHING, Beside, check_beside, stacked
 from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
+from exosight.learning.contact import contact_shift
 from exosight.learning.intervals import Widths, calibrate
 from exosight.learning.likeness import Likeness, batches, fit_likeness
 from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, open_session, seal
@@ -49,7 +50,8 @@ def export_onnx(
 
     source   a run's folder, or its checkpoint
     images   frames that the run has not learned from, such as its validation part, and
-    forces   their true forces [N]: they set how wide the intervals around estimates are
+    forces   their true forces [N]: they set how wide the intervals around estimates are, and the probability
+             of contact
     beside   what the network is shown beside these frames
     returns  what the file's metadata say
 
@@ -63,7 +65,9 @@ def export_onnx(
     check_beside(images, beside, settings.past, settings.actuation)
     seen = stacked(images, beside), beside.u
     likeness = fit_likeness(model, *seen)
-    card = _card(checkpoint, calibrate(*_answers(model, *seen), forces), likeness.limit)
+    found, error, contact = _answers(model, *seen)
+    card = _card(checkpoint, calibrate(found, error, forces), likeness.limit)
+    _shift_contact(model, contact_shift(contact, forces > 0))
     proto = _convert(_Deployed(model, likeness).eval(), card)
     _verify(proto, model, card)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -87,15 +91,20 @@ def _answers(
     model: ForceModel,
     images: UInt8[np.ndarray, "frames stack height width"],
     u: Float32[np.ndarray, " frames"] | None,
-) -> tuple[Float32[np.ndarray, "frames 7"], Float32[np.ndarray, "frames 7"]]:
-    """Forces and the errors to be expected of them [N]."""
-    parts = []
+) -> tuple[Float32[np.ndarray, "frames 7"], ...]:
+    """Forces and the errors to be expected of them [N], and the probability of contact."""
     with torch.inference_mode():
-        for part in batches(images, u):
-            forces, error, _ = model(*part)
-            parts.append((forces.numpy(), error.numpy()))
-    forces, error = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return forces, error
+        parts = [[answer.numpy() for answer in model(*part)] for part in batches(images, u)]
+    return tuple(np.concatenate(answer) for answer in zip(*parts, strict=True))
+
+
+def _shift_contact(model: ForceModel, shift: Float[np.ndarray, "7"]) -> None:
+    """Add to the log odds of contact that a network tells; the paper's tells none."""
+    last, count = list(model.network)[-1], len(CONTACTS)
+    assert isinstance(last, nn.Linear)
+    if last.out_features > count:
+        with torch.no_grad():
+            last.bias[2 * count : 3 * count] += torch.from_numpy(shift).float()
 
 
 def _card(checkpoint: Checkpoint, widths: Widths, unlike_limit: float) -> ModelCard:
