@@ -6,6 +6,12 @@
     exosight train --data OTHER --out anew --epochs 4
     python -m benchmarks.adapted OTHER shipped adapted/model.onnx anew/model.onnx --name other
 
+    exosight generate --out MANY --per-scenario 125 --seed 8 --appearance.shift 0.04 --appearance.roll 0.1 \\
+        --appearance.zoom 0.08 --appearance.tilt 0.15 --appearance.distortion 0.05 --lighting.lamp 0.5 \\
+        --lighting.finger-shade 0.55 0.8 --lighting.exosuit-shade 0.2 0.5
+    exosight train --data MANY --out adapted --epochs 8 --pretrained shipped
+    python -m benchmarks.adapted MANY shipped adapted/model.onnx --name many
+
 Each is judged on the same frames: those that `exosight train` keeps for testing, by shape.
 """
 

@@ -6,10 +6,10 @@ DATA is `exosight generate --per-scenario 125`; each NAME.json but the last is
 shape              nothing: --model src/exosight/models/light.onnx
 frame              exosight train --data DATA --out results/frame --protocol frame --recipe clean --epochs 80
 paper              … --protocol frame --network paper --epochs 2
-without_FAMILY     … --epochs 6 --protocol family --held-out FAMILY
-longer             … --epochs 13 --protocol family --held-out sine_cosine
+without_FAMILY     … --more SEED1 SEED2 SEED3 --epochs 2 --protocol family --held-out FAMILY
 seed_N             … --epochs 9 --seed N --split-seed N
 shifts             python -m benchmarks.shifts DATA
+adapted_NAME       see benchmarks/adapted.py
 """
 
 import json
@@ -41,14 +41,25 @@ IMAGES = ("clean", "noise 0.001", "noise 0.01", "noise 0.1", "low contrast", "hi
 PROTOCOLS = {
     "shape": "by shape, shipped network",
     "frame": "by frame, clean images, 80 epochs",
-    **{f"without_{family}": f"without {family.replace('_', '-')}, 6 epochs" for family in FAMILIES},
-    "longer": "without sine-cosine, 13 epochs",
+    **{f"without_{family}": f"without {family.replace('_', '-')}" for family in FAMILIES},
 }
 SEEDS = ("seed_0", "seed_1", "seed_2")
 DEGRADED = {
     "shape": "shipped (noise and contrast learned), unseen shapes",
     "frame": "light, clean images only, by frame",
     "paper": "paper's network, clean images only, 2 epochs, by frame",
+}
+
+ADAPTED = {
+    "adapted_other": {
+        "shipped": "another set-up: shipped network as it is",
+        "adapted": "going on from it, 4 epochs",
+        "anew": "from random weights, 4 epochs",
+    },
+    "adapted_many": {
+        "shipped": "many cameras: shipped network as it is",
+        "adapted": "going on from it, 8 epochs",
+    },
 }
 
 Found = Mapping[str, Any]
@@ -70,6 +81,14 @@ def tables(found: Found) -> dict[str, str]:
         "baselines": _baselines(found["shape"]),
         "coverage": _coverage(found["shape"]),
         "shifts": _shifts(found["shifts"]),
+        "adapted": _shifts(
+            {
+                words: found[name][network]
+                for name, networks in ADAPTED.items()
+                for network, words in networks.items()
+            },
+            "pictures and network",
+        ),
     }
 
 
@@ -160,7 +179,7 @@ def _coverage(told: Found) -> str:
     return table_of(("intervals of 90 %", *(row["contact"] for row in own)), rows)
 
 
-def _shifts(told: Found) -> str:
+def _shifts(told: Found, first: str = "what differs") -> str:
     rows = [
         [
             name,
@@ -174,7 +193,7 @@ def _shifts(told: Found) -> str:
         for name, row in told.items()
     ]
     heads = (
-        "what differs",
+        first,
         "r, mean",
         "RMS% of range",
         "RMSE of F_net [mN]",

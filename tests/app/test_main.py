@@ -361,7 +361,6 @@ def test_a_network_goes_on_from_another_and_says_so(
 ) -> None:
     own = run_folder / "model.onnx"
     words = ["--epochs", "1", "--threads", "1", "--pretrained", str(own)]
-    main(["train", "--data", str(data), "--out", str(tmp_path / "same"), *words])
     other = make_dataset(tmp_path / "other", shapes=sample_shapes(1, seed=5), seed=2)
     wider = ["--more", str(data)]
     main(["train", "--data", str(other), "--out", str(tmp_path / "wider"), *words, *wider])

@@ -18,8 +18,8 @@ MOST_PAST = 8
 """Earlier images that a network may see at most."""
 
 PRETRAINED_SHARE = 1 / 3
-"""Share of the recipe's learning rate for a network that does not start from random weights: the whole of it
-first loses much of what is known (docs/log.md)."""
+"""Share of the recipe's learning rate for a network that does not start from random weights: what is known is
+lost again at a high rate (docs/log.md)."""
 
 _RECIPE_OF_NETWORK: dict[NetworkName, RecipeName] = {"light": "modern", "paper": "paper"}
 
