@@ -4,15 +4,15 @@
         --plant.link-length 1.05 1.05 --camera.metres-per-pixel 0.00105 --lighting.exosuit-shade 0.45 0.45
     exosight train --data OTHER --out adapted --epochs 4 --pretrained shipped
     exosight train --data OTHER --out anew --epochs 4
-    python -m benchmarks.adapted OTHER shipped adapted/model.onnx anew/model.onnx --name other
+    python -m benchmarks.adapted OTHER adapted/model.onnx anew/model.onnx --name other
 
     exosight generate --out MANY --per-scenario 125 --seed 8 --appearance.shift 0.04 --appearance.roll 0.1 \\
         --appearance.zoom 0.08 --appearance.tilt 0.15 --appearance.distortion 0.05 --lighting.lamp 0.5 \\
         --lighting.finger-shade 0.55 0.8 --lighting.exosuit-shade 0.2 0.5
     exosight train --data MANY --out adapted --epochs 8 --pretrained shipped
-    python -m benchmarks.adapted MANY shipped adapted/model.onnx --name many
+    python -m benchmarks.adapted MANY adapted/model.onnx --name many
 
-Each is judged on the same frames: those that `exosight train` keeps for testing, by shape.
+The shipped one and those named are judged on the same frames: what `exosight train` keeps for testing.
 """
 
 import argparse
@@ -24,28 +24,25 @@ from benchmarks.shifts import judge
 from exosight.app.pipeline import load
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.dataset import make_split
-from exosight.dataset.frames import QUANTITIES, Frames
+from exosight.dataset.frames import take
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "accuracy"
 
 
-def run(folder: Path, models: list[str]) -> dict[str, dict[str, Any]]:
-    """Name of each network's folder, or `shipped` → what it is judged to be."""
+def run(folder: Path, models: list[Path]) -> dict[str, dict[str, Any]]:
+    """Name of each network's folder, and `shipped` → what it is judged to be."""
     frames = load(folder).frames
     test = make_split(frames, "shape", 0).test
-    kept = Frames(**{name: getattr(frames, name)[test] for name in QUANTITIES})
-    found = {}
-    for model in models:
-        path = DEFAULT_MODEL if model == "shipped" else Path(model)
-        found[model if model == "shipped" else path.parent.name] = judge(OnnxEstimator.load(path), kept)
-    return found
+    kept = take(frames, test)
+    places = {"shipped": DEFAULT_MODEL, **{path.parent.name: path for path in models}}
+    return {name: judge(OnnxEstimator.load(path), kept) for name, path in places.items()}
 
 
 def main() -> None:
     """Write the numbers as JSON."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("data", type=Path)
-    parser.add_argument("models", nargs="+", help="model.onnx of a run, or `shipped`")
+    parser.add_argument("models", nargs="+", type=Path, help="model.onnx of a run")
     parser.add_argument("--name", required=True, help="of the file, adapted_NAME.json")
     chosen = parser.parse_args()
     path = RESULTS / f"adapted_{chosen.name}.json"

@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 
 from exosight.dataset import Frames, Manifest, Split, dataset_identity, make_split, read_frames, read_manifest
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.frames import QUANTITIES, concatenate, previous
+from exosight.dataset.frames import concatenate, previous, take
 from exosight.dataset.manifest import sampled_shapes
 from exosight.dataset.stream import stream
 from exosight.errors import InputError
@@ -82,7 +82,7 @@ def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Spl
             if geometry(s.shape) not in judged and s.shape.surface.family != split.held_out
         ]
         chosen = np.isin(other.frames.shape_id, fresh)
-        parts.append(Frames(**{name: getattr(other.frames, name)[chosen] for name in QUANTITIES}))
+        parts.append(take(other.frames, np.flatnonzero(chosen)))
     frames = concatenate(parts) if len(parts) > 1 else data.frames
     added = np.arange(len(data.frames), len(frames))
     return frames, replace(split, train=np.concatenate([split.train, added]))

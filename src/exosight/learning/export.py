@@ -23,7 +23,7 @@ from exosight.learning.contact import contact_shift
 from exosight.learning.intervals import Widths, calibrate
 from exosight.learning.likeness import Likeness, batches, fit_likeness
 from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, open_session, seal
-from exosight.learning.networks import ForceModel, answers
+from exosight.learning.networks import CONTACT, FORCES, ForceModel, answers
 from exosight.learning.samples import CONTACTS
 
 # Operator set 18 with file format 8, both of ONNX 1.13 (2022): the oldest that PyTorch writes, so that
@@ -100,11 +100,10 @@ def _answers(
 
 def _shift_contact(model: ForceModel, shift: Float[np.ndarray, "7"]) -> None:
     """Add to the log odds of contact that a network tells; the paper's tells none."""
-    last, count = list(model.network)[-1], len(CONTACTS)
-    assert isinstance(last, nn.Linear)
-    if last.out_features > count:
+    last = model.network.last
+    if last.out_features > FORCES.stop:
         with torch.no_grad():
-            last.bias[2 * count : 3 * count] += torch.from_numpy(shift).float()
+            last.bias[CONTACT] += torch.from_numpy(shift).float()
 
 
 def _card(checkpoint: Checkpoint, widths: Widths, unlike_limit: float) -> ModelCard:

@@ -91,6 +91,14 @@ def open_model(path: Path, threads: int) -> tuple[Any, ModelCard]:
 
     Raises DataError if it is missing, truncated, changed, or no estimator of exosight.
     """
+    return open_session(read_model(path), threads, str(path))
+
+
+def read_model(path: Path) -> bytes:
+    """The bytes of a sealed ONNX file.
+
+    Raises DataError if it is missing, truncated, or changed.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -101,7 +109,7 @@ def open_model(path: Path, threads: int) -> tuple[Any, ModelCard]:
         raise DataError(
             f"{path}: not an estimator that exosight exported, or truncated or changed; export it again"
         )
-    return open_session(data, threads, str(path))
+    return data
 
 
 def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:

@@ -20,7 +20,14 @@ class Network(nn.Sequential):
         self, input: Float[Tensor, "batch images height width"], u: Float[Tensor, " batch"] | None = None
     ) -> Float[Tensor, "batch outputs"]:
         """The answers; `u` [N] is for a network that is told it."""
-        return list(self)[-1](self.features(input, u))
+        return self.last(self.features(input, u))
+
+    @property
+    def last(self) -> nn.Linear:
+        """The layer that tells the answers from the features."""
+        last = list(self)[-1]
+        assert isinstance(last, nn.Linear)
+        return last
 
     def features(
         self, input: Float[Tensor, "batch images height width"], u: Float[Tensor, " batch"] | None = None
@@ -167,6 +174,10 @@ def build_network(
         return LightNetwork(image_size, auxiliary, past, actuation)
 
 
+FORCES, LOG_SPREAD, CONTACT = (slice(len(CONTACTS) * i, len(CONTACTS) * (i + 1)) for i in range(3))
+"""Places of the answers among a network's outputs; a network that tells forces alone has the first only."""
+
+
 class Answers(NamedTuple):
     """What a network says about a batch of images, forces in units of their scale.
 
@@ -184,12 +195,11 @@ class Answers(NamedTuple):
 
 def answers(output: Float[Tensor, "batch outputs"]) -> Answers:
     """The parts of a network's output."""
-    count = len(CONTACTS)
-    if output.shape[1] == count:
+    if output.shape[1] == FORCES.stop:
         return Answers(output, None, None, output[:, :0])
-    forces, spread, contact = (output[:, count * i : count * (i + 1)] for i in range(3))
+    forces, spread, contact = (output[:, part] for part in (FORCES, LOG_SPREAD, CONTACT))
     # Between a 400th and 50 times the scale: beyond, one outlier would rule the loss.
-    return Answers(forces, spread.clamp(-6, 4), contact, output[:, 3 * count :])
+    return Answers(forces, spread.clamp(-6, 4), contact, output[:, CONTACT.stop :])
 
 
 class ForceModel(nn.Module):
@@ -220,7 +230,7 @@ class ForceModel(nn.Module):
         self, features: Float[Tensor, "batch features"]
     ) -> tuple[Float[Tensor, "batch 7"], Float[Tensor, "batch 7"], Float[Tensor, "batch 7"]]:
         """The three answers, from the features of images."""
-        found = answers(list(self.network)[-1](features))
+        found = answers(self.network.last(features))
         forces = torch.relu(found.forces * self.scale)
         if found.log_spread is None or found.contact is None:
             return forces, self.scale.expand_as(forces), (forces > 0).to(forces.dtype)

@@ -19,8 +19,8 @@ from torch import Tensor, nn
 from exosight.errors import DataError, InputError
 from exosight.learning.checkpoint import RunIdentity
 from exosight.learning.config import Settings
-from exosight.learning.model_file import ModelCard, open_model, sealed
-from exosight.learning.networks import Network
+from exosight.learning.model_file import ModelCard, open_session, read_model, sealed
+from exosight.learning.networks import FORCES, LOG_SPREAD, Network
 from exosight.learning.samples import CONTACTS
 
 _PREFIX = "model.network."
@@ -45,8 +45,8 @@ def load_pretrained(path: Path) -> Pretrained:
 
     Raises DataError if it is missing, truncated, changed, or no network of this version of exosight.
     """
-    _, card = open_model(path, threads=1)
-    data = path.read_bytes()
+    data = read_model(path)
+    _, card = open_session(data, 1, str(path))
     graph = onnx.load_from_string(data).graph
     arrays = {tensor.name: onnx.numpy_helper.to_array(tensor) for tensor in graph.initializer}
     weights = {}
@@ -118,7 +118,7 @@ def first_weights(
         network.get_submodule(norm).register_forward_pre_hook(_normalise)
     with torch.no_grad():
         network(images, u)
-        _rescale(list(network)[-1], pretrained.scale / torch.tensor(identity.force_scale))
+        _rescale(network.last, pretrained.scale / torch.tensor(identity.force_scale))
     return {name: tensor.detach().clone() for name, tensor in network.state_dict().items()}
 
 
@@ -142,11 +142,9 @@ def _normalise(layer: nn.Module, arguments: tuple[Tensor]) -> None:
     layer.running_var.copy_(variance)
 
 
-def _rescale(last: nn.Module, ratio: Float[Tensor, "7"]) -> None:
+def _rescale(last: nn.Linear, ratio: Float[Tensor, "7"]) -> None:
     """Give answers in units of another force scale: forces and, as logarithms, the errors to be expected."""
-    assert isinstance(last, nn.Linear)
-    count = len(CONTACTS)
-    last.weight[:count].mul_(ratio[:, None])
-    last.bias[:count].mul_(ratio)
-    if last.out_features > count:
-        last.bias[count : 2 * count].add_(ratio.log())
+    last.weight[FORCES].mul_(ratio[:, None])
+    last.bias[FORCES].mul_(ratio)
+    if last.out_features > FORCES.stop:
+        last.bias[LOG_SPREAD].add_(ratio.log())

@@ -48,6 +48,7 @@ BOARD_NAME = "tensorboard"
 _VALIDATION_BATCH = 256
 
 _PRETRAINED_IMAGES = 512
+"""How many set what a network to start from is normalised by."""
 
 
 @dataclass(frozen=True)
