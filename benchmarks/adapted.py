@@ -12,7 +12,7 @@
     exosight train --data MANY --out adapted --epochs 8 --pretrained shipped
     python -m benchmarks.adapted MANY adapted/model.onnx --name many
 
-The shipped one and those named are judged on the same frames: what `exosight train` keeps for testing.
+The shipped one and those named are judged on the same frames: what was kept for testing from the first named.
 """
 
 import argparse
@@ -21,9 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.shifts import judge
-from exosight.app.pipeline import load
+from exosight.app.pipeline import load, test_part
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
-from exosight.dataset import make_split
 from exosight.dataset.frames import take
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "accuracy"
@@ -31,9 +30,9 @@ RESULTS = Path(__file__).parents[1] / "docs" / "results" / "accuracy"
 
 def run(folder: Path, models: list[Path]) -> dict[str, dict[str, Any]]:
     """Name of each network's folder, and `shipped` → what it is judged to be."""
-    frames = load(folder).frames
-    test = make_split(frames, "shape", 0).test
-    kept = take(frames, test)
+    data = load(folder)
+    test, _ = test_part(OnnxEstimator.load(models[0]).card, data)
+    kept = take(data.frames, test)
     places = {"shipped": DEFAULT_MODEL, **{path.parent.name: path for path in models}}
     return {name: judge(OnnxEstimator.load(path), kept) for name, path in places.items()}
 

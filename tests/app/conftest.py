@@ -17,9 +17,16 @@ PER_SHAPE = 4
 
 
 def write_dataset(
-    folder: Path, camera: Camera = CAMERA, shapes: list[SampledShape] | None = None, seed: int = 0
+    folder: Path,
+    camera: Camera = CAMERA,
+    shapes: list[SampledShape] | None = None,
+    seed: int = 0,
+    varies: tuple[str, ...] = (),
 ) -> Path:
-    """Frames with valid labels and random content, of one shape a scenario if not told otherwise."""
+    """Frames with valid labels and random content, of one shape a scenario if not told otherwise.
+
+    varies  names of what varies from frame to frame, evenly within 0…1
+    """
     shapes = sample_shapes(1, seed=0) if shapes is None else shapes
     rng = np.random.default_rng(seed)
     count = len(shapes) * PER_SHAPE
@@ -42,7 +49,7 @@ def write_dataset(
         load_limit=4.0,
         dofs=25,
         shapes=shapes,
-        chunks=[write_chunk(folder, 0, frames)],
+        chunks=[write_chunk(folder, 0, frames, {name: rng.random(count) for name in varies})],
         dropped={},
     )
     write_manifest(folder, manifest)

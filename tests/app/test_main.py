@@ -11,6 +11,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import exosight
@@ -325,18 +326,37 @@ def test_too_few_shapes_for_a_split_are_refused(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--protocol family", "name the held-out family, one of linear, sine"),
+        ("--protocol family", "split by family: name what is held out, one of linear, sine"),
         ("--protocol family --held-out square", "expected one of linear, sine, cosine_sum"),
-        ("--held-out sine", "split by shape: takes no held-out family, got 'sine'"),
+        ("--held-out sine", "split by shape: holds nothing out, got 'sine'"),
+        ("--protocol variation --held-out plant.young", "the dataset has, which is none, got 'plant.young'"),
+        (
+            "--protocol variation --held-out plant.young --fresh 1",
+            "--fresh: expected 0 or more shapes, and not",
+        ),
     ],
 )
-def test_held_out_family_and_protocol_belong_together(
+def test_protocol_and_what_is_held_out_belong_together(
     refused: Refused, data: Path, tmp_path: Path, words: str, said: str
 ) -> None:
     assert said in refused("train", "--data", data, "--out", tmp_path / "out", *words.split())
 
 
 # Networks
+
+
+def test_a_network_is_judged_by_what_was_held_out_from_it(
+    make_dataset: Callable[..., Path], tmp_path: Path
+) -> None:
+    data = make_dataset(tmp_path / "data", varies=("plant.young",))
+    words = ["--protocol", "variation", "--held-out", "plant.young", "--epochs", "1", "--threads", "1"]
+    main(["train", "--data", str(data), "--out", str(tmp_path / "run"), *words])
+    loaded = load(data)
+    card = OnnxEstimator.load(tmp_path / "run" / "model.onnx").card
+    test, words = part_to_judge(card, loaded)
+    young = loaded.variation["plant.young"]
+    assert np.array_equal(test, np.flatnonzero(young >= np.quantile(young, 0.8)))
+    assert words == "test part by variation"
 
 
 def test_what_cannot_be_started_from_is_refused(

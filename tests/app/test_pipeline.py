@@ -10,7 +10,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from exosight.app import pipeline
-from exosight.app.pipeline import Data, fit, identity, load, widened
+from exosight.app.pipeline import Data, divided, fit, identity, load, widened
 from exosight.dataset import make_split
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.manifest import sampled_shapes
@@ -70,6 +70,29 @@ def test_a_held_out_family_is_left_out_of_all_datasets(
     judged = {s.shape_id: geometry(s.shape) for s in sampled_shapes(first.manifest)}
     kept = {judged[n] for n in first.frames.shape_id[split.validation].tolist()}
     assert set(added.tolist()) == {s.shape_id for s in others if geometry(s.shape) not in kept}
+
+
+def test_a_held_out_camera_is_left_out_of_all_datasets(
+    make_dataset: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Of another dataset, frames below the smallest value that is held out are learned from, none above."""
+    roll = "appearance.roll"
+    first = load(make_dataset(tmp_path / "first", varies=(roll,)))
+    other = load(make_dataset(tmp_path / "other", shapes=sample_shapes(1, seed=5), seed=2, varies=(roll,)))
+    split = divided(first, "variation", 0, roll)
+    frames, wider = widened(first, split, [other])
+    assert np.array_equal(wider.test, np.flatnonzero(first.variation[roll] >= split.edge))
+    known = {s.shape_id: geometry(s.shape) for s in sampled_shapes(other.manifest)}
+    own = {geometry(s.shape) for s in sampled_shapes(first.manifest)}
+    new = [n for n, shape in known.items() if shape not in own]
+    below = np.isin(other.frames.shape_id, new) & (other.variation[roll] < split.edge)
+    assert 0 < below.sum() < np.isin(other.frames.shape_id, new).sum()
+    added = wider.train[len(split.train) :]
+    assert np.array_equal(frames.forces[added], other.frames.forces[below])
+
+    still = load(make_dataset(tmp_path / "still", shapes=sample_shapes(1, seed=5), seed=2))
+    with pytest.raises(InputError, match=r"datasets in which appearance\.roll varies, got one"):
+        widened(first, split, [still])
 
 
 def test_one_dataset_is_taken_as_it_is(first: Data) -> None:

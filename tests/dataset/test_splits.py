@@ -26,7 +26,13 @@ def parts_of(split: Split) -> list[np.ndarray]:
 
 
 def any_split(frames: Frames, protocol: str, seed: int) -> Split:
-    return make_split(frames, protocol, seed, held_out="sine" if protocol == "family" else None)
+    held_out = {"family": "sine", "variation": "plant.young"}.get(protocol)
+    return make_split(frames, protocol, seed, held_out, {"plant.young": by_shape(frames)})
+
+
+def by_shape(frames: Frames) -> np.ndarray:
+    """Something that varies from shape to shape, in no order."""
+    return (frames.shape_id * 37 % 110) / 110.0
 
 
 @st.composite
@@ -46,7 +52,7 @@ def test_every_frame_is_in_exactly_one_part(frames: Frames, protocol: str, seed:
 
 
 @unhurried
-@given(thinned(), st.sampled_from(["shape", "family"]), SEEDS)
+@given(thinned(), st.sampled_from(["shape", "family", "variation"]), SEEDS)
 def test_no_shape_is_on_two_sides(frames: Frames, protocol: str, seed: int) -> None:
     shapes = [set(frames.shape_id[part]) for part in parts_of(any_split(frames, protocol, seed))]
     for one, other in itertools.combinations(shapes, 2):
@@ -103,6 +109,23 @@ def test_a_held_out_family_is_the_whole_test_part(held_out: str) -> None:
     assert sum(rest) == total
 
 
+@unhurried
+@given(thinned(), SEEDS, st.integers(0, 2**32), st.booleans())
+def test_the_largest_fifth_of_a_variation_is_the_whole_test_part(
+    frames: Frames, seed: int, drawn: int, whole: bool
+) -> None:
+    """Whether it is the exosuit's (its modulus) or each frame's own (its camera)."""
+    values = by_shape(frames) if whole else np.random.default_rng(drawn).uniform(-1, 1, len(frames))
+    split = make_split(frames, "variation", seed, "it", {"other": -values, "it": values})
+    assert split.edge == values[split.test].min()
+    assert max(values[split.train].max(), values[split.validation].max()) < split.edge
+    most = 4 if whole else 1  # frames that share the value at the edge
+    assert abs(len(split.test) - 0.2 * len(frames)) <= most
+    learned, chosen = set(frames.shape_id[split.train]), set(frames.shape_id[split.validation])
+    assert not learned & chosen
+    assert abs(len(learned) - 0.75 * len(learned | chosen)) <= 1
+
+
 def test_the_split_remembers_how_it_was_made() -> None:
     split = make_split(WHOLE, "family", seed=9, held_out="legendre")
     assert (split.protocol, split.seed, split.held_out) == ("family", 9, "legendre")
@@ -112,11 +135,15 @@ def test_the_split_remembers_how_it_was_made() -> None:
 @pytest.mark.parametrize(
     ("count", "protocol", "held_out", "part"),
     [
-        (40, "colour", None, "expected one of frame, shape, family, got 'colour'"),
-        (40, "family", None, "name the held-out family"),
+        (40, "colour", None, "expected one of frame, shape, family, variation, got 'colour'"),
+        (40, "family", None, "split by family: name what is held out, one of linear, sine"),
+        (40, "variation", None, "split by variation: name what is held out, one of even, rare"),
+        (40, "variation", "plant.gap", "expected one that the dataset has, even, rare, got 'plant.gap'"),
+        (40, "variation", "even", "even has its largest value, 1, in 100% of the frames"),
+        (40, "variation", "rare", "rare has its largest value, 0, in 90% of the frames"),
         (40, "family", "spline", "cosine_sum, sine_cosine, legendre, got 'spline'"),
         (40, "family", "sine", "no frames of 'sine'"),
-        (40, "shape", "sine", "takes no held-out family"),
+        (40, "shape", "sine", "split by shape: holds nothing out, got 'sine'"),
         (4, "frame", None, "at least 5 frames, got 4"),
         (16, "shape", None, "at least 5 shapes to divide, got 4"),
         (0, "shape", None, "at least 5 shapes to divide, got 0"),
@@ -124,9 +151,15 @@ def test_the_split_remembers_how_it_was_made() -> None:
 )
 def test_what_cannot_be_split_is_said(count: int, protocol: str, held_out: str | None, part: str) -> None:
     few = take(WHOLE, np.arange(count))  # the first forty frames are linear
+    varies = {"even": np.ones(count), "rare": np.where(np.arange(count) < 4, -1.0, 0.0)}
     with pytest.raises(InputError) as caught:
-        make_split(few, protocol, 0, held_out)
+        make_split(few, protocol, 0, held_out, varies)
     assert part in str(caught.value)
+
+
+def test_nothing_varies() -> None:
+    with pytest.raises(InputError, match=r"the dataset has, which is none, got 'plant\.young'"):
+        make_split(WHOLE, "variation", 0, "plant.young")
 
 
 def test_too_few_shapes_beside_a_held_out_family() -> None:

@@ -9,10 +9,9 @@ import numpy as np
 from jaxtyping import Float32, Int, Int8, UInt8
 
 from exosight.app.console import progress, to_json
-from exosight.app.pipeline import Data, beside, stacked_rows, test_part
+from exosight.app.pipeline import Data, beside, divided, stacked_rows, test_part
 from exosight.app.report import Picture, Report, Section, write_report, write_tables
 from exosight.control.estimator import OnnxEstimator, Reading
-from exosight.dataset import make_split
 from exosight.evaluation import (
     Cell,
     Column,
@@ -203,9 +202,7 @@ def write_evaluation(found: Evaluation, about: dict[str, str | int], estimator: 
 def _baselines(estimator: OnnxEstimator, data: Data) -> dict[str, Scores]:
     """On the split that the network learned from, which its card names."""
     told = estimator.card.data
-    split = make_split(
-        data.frames, str(told["protocol"]), int(told["split_seed"]), str(told["held_out"]) or None
-    )
+    split = divided(data, str(told["protocol"]), int(told["split_seed"]), str(told["held_out"]) or None)
     return evaluate_baselines(data.frames, split, data.manifest)
 
 

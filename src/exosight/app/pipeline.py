@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Generator, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,17 @@ import numpy as np
 from jaxtyping import Float32, Int, UInt8
 from pydantic import TypeAdapter
 
-from exosight.dataset import Frames, Manifest, Split, dataset_identity, make_split, read_frames, read_manifest
+from exosight.dataset import (
+    Frames,
+    Manifest,
+    Split,
+    Variation,
+    dataset_identity,
+    make_split,
+    read_frames,
+    read_manifest,
+    read_variation,
+)
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import concatenate, previous, take
 from exosight.dataset.manifest import sampled_shapes
@@ -45,11 +55,18 @@ class Data:
 
     manifest: Manifest
     frames: Frames
+    variation: Variation = field(default_factory=dict)
+    """what was drawn for each frame, by name"""
 
 
 def load(folder: Path) -> Data:
     """A dataset from disk; DataError if it is missing, incomplete or damaged."""
-    return Data(read_manifest(folder), read_frames(folder))
+    return Data(read_manifest(folder), read_frames(folder), read_variation(folder))
+
+
+def divided(data: Data, protocol: str, seed: int, held_out: str | None) -> Split:
+    """Its frames for learning, validation and testing, see `exosight.dataset.make_split`."""
+    return make_split(data.frames, protocol, seed, held_out, data.variation)
 
 
 def check_training() -> None:
@@ -61,10 +78,10 @@ def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Spl
     """The frames of a dataset and of others, and its split with the others' among those to learn from.
 
     Frames of shapes that the split keeps for validation or testing are left out of the others, whatever
-    their numbers and parameters there: shapes are the same where length and radii are. So is every shape of
-    a held-out family.
+    their numbers and parameters there: shapes are the same where length and radii are. So is what is held
+    out: every shape of a family, every frame in which something varies that far.
 
-    Raises InputError if images or poses differ in size.
+    Raises InputError if images or poses differ in size, or if what is held out does not vary in another.
     """
     shapes = {sampled.shape_id: geometry(sampled.shape) for sampled in sampled_shapes(data.manifest)}
     kept = data.frames.shape_id[np.concatenate([split.validation, split.test])]
@@ -82,6 +99,13 @@ def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Spl
             if geometry(s.shape) not in judged and s.shape.surface.family != split.held_out
         ]
         chosen = np.isin(other.frames.shape_id, fresh)
+        if split.held_out and split.edge is not None:
+            if split.held_out not in other.variation:
+                raise InputError(
+                    f"train: expected datasets in which {split.held_out} varies, got one in which it does "
+                    "not; generate them alike"
+                )
+            chosen &= other.variation[split.held_out] < split.edge
         parts.append(take(other.frames, np.flatnonzero(chosen)))
     frames = concatenate(parts) if len(parts) > 1 else data.frames
     added = np.arange(len(data.frames), len(frames))
@@ -165,7 +189,7 @@ def _check_unseen(pretrained: ModelCard, data: Data, split: Split) -> None:
         problem = "learned from the whole of this dataset"
     elif known.get("sha256") == mine and there != asked:
         problem = f"learned from this dataset divided otherwise (by {there[0]}, split seed {there[1]})"
-    elif split.held_out and there[2] != split.held_out:
+    elif split.protocol == "family" and there[2] != split.held_out:
         problem = f"learned from the family {split.held_out}"
     else:
         return
@@ -231,7 +255,7 @@ def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], 
         held_out = str(card.data["held_out"]) or None
     except (KeyError, ValueError) as error:
         raise InputError("model: its file does not tell which part of the data it learned from") from error
-    return make_split(data.frames, protocol, seed, held_out).test, f"test part by {protocol}"
+    return divided(data, protocol, seed, held_out).test, f"test part by {protocol}"
 
 
 def camera_of(card: ModelCard) -> Camera:

@@ -13,10 +13,12 @@ from exosight.dataset.manifest import (
 from exosight.dataset.splits import (
     PROTOCOLS,
     Split,
+    Variation,
     make_split,
     split_by_family,
     split_by_frame,
     split_by_shape,
+    split_by_variation,
 )
 from exosight.dataset.store import read_frames, read_variation, write_chunk
 
@@ -27,6 +29,7 @@ __all__ = [
     "Frames",
     "Manifest",
     "Split",
+    "Variation",
     "concatenate",
     "dataset_identity",
     "make_split",
@@ -39,6 +42,7 @@ __all__ = [
     "split_by_family",
     "split_by_frame",
     "split_by_shape",
+    "split_by_variation",
     "take",
     "write_chunk",
     "write_manifest",

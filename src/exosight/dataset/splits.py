@@ -1,24 +1,33 @@
-"""Dividing frames into training, validation and test parts, by three protocols.
+"""Dividing frames into training, validation and test parts, by four protocols.
 
-frame   60/20/20 % of the frames at random: the published protocol. Near-identical frames of one shape fall on
-        both sides, so it measures interpolation along known paths.
-shape   60/20/20 % of the shapes, every scenario divided as evenly as possible: unseen shapes, known kinds.
-family  the test part is every frame of one family; the other shapes are divided 75/25 %: unseen kinds.
+frame      60/20/20 % of the frames at random: the published protocol. Near-identical frames of one shape
+           fall on both sides, so it measures interpolation along known paths.
+shape      60/20/20 % of the shapes, every scenario divided as evenly as possible: unseen shapes, known kinds.
+family     the test part is every frame of one family; the other shapes are divided 75/25 %: unseen kinds.
+variation  the test part is the fifth of the frames in which one thing that varies in the dataset is largest,
+           such as the exosuits' modulus or the turn of the camera; the shapes of the others are divided
+           75/25 %: unseen stiffness, unseen cameras.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Int, Int32
+from jaxtyping import Bool, Float64, Int, Int32
 
 from exosight.dataset.frames import Frames
 from exosight.errors import InputError
 from exosight.exosuit.shapes import FAMILIES
 
-PROTOCOLS = ("frame", "shape", "family")
+PROTOCOLS = ("frame", "shape", "family", "variation")
 
 Index = Int[np.ndarray, " _"]
+Variation = Mapping[str, Float64[np.ndarray, " frames"]]
+"""What was drawn for each frame, by name, as `exosight.dataset.read_variation` gives it."""
+
+_HELD_OUT = 0.2
+"""Share of the frames that `variation` keeps for testing."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +41,9 @@ class Split:
     """One of PROTOCOLS."""
     seed: int
     held_out: str | None = None
-    """The family kept for testing, for the protocol `family`."""
+    """What is kept for testing: a family by `family`, the largest values of what varies by `variation`."""
+    edge: float | None = None
+    """By `variation`, the smallest value kept for testing."""
 
 
 def split_by_frame(frames: Frames, seed: int) -> Split:
@@ -68,29 +79,70 @@ def split_by_family(frames: Frames, seed: int, held_out: str) -> Split:
     """
     if held_out not in FAMILIES:
         raise InputError(f"held-out family: expected one of {', '.join(FAMILIES)}, got {held_out!r}")
-    family = list(FAMILIES).index(held_out)
-    out = frames.family == family
+    out = frames.family == list(FAMILIES).index(held_out)
     if not out.any():
         raise InputError(f"held-out family: the dataset has no frames of {held_out!r}; choose another family")
-    parts = _divide_shapes(frames.shape_id[~out], frames.scenario[~out], (0.75, 0.25), seed)
-    train, validation = (_frames_of(frames.shape_id, part) for part in parts)
-    return Split(train, validation, np.flatnonzero(out), protocol="family", seed=seed, held_out=held_out)
+    return Split(*_around(frames, out, seed), protocol="family", seed=seed, held_out=held_out)
 
 
-def make_split(frames: Frames, protocol: str, seed: int, held_out: str | None = None) -> Split:
-    """Divide frames by one of PROTOCOLS; `held_out` names the family that `family` keeps for testing.
+def split_by_variation(frames: Frames, seed: int, held_out: str, variation: Variation) -> Split:
+    """Test on the fifth of the frames in which something is largest; divide the others' shapes 75/25 %.
 
-    Raises InputError for an unknown protocol, a missing or needless held-out family, or too little to divide.
+    held_out   its name, such as `plant.young` or `appearance.roll`
+    variation  what was drawn for each frame
+
+    Raises InputError for what does not vary in the dataset, hardly does, or leaves fewer than four shapes.
+    """
+    if held_out not in variation:
+        raise InputError(
+            f"held-out variation: expected one that the dataset has, "
+            f"{', '.join(variation) or 'which is none'}, got {held_out!r}; generate one in which it varies"
+        )
+    values = variation[held_out]
+    edge = float(np.quantile(values, 1 - _HELD_OUT, method="higher"))
+    out = values >= edge
+    if out.mean() > 2 * _HELD_OUT:
+        raise InputError(
+            f"held-out variation: {held_out} has its largest value, {edge:g}, in {out.mean():.0%} of the "
+            "frames, which leaves too few to learn from; choose another"
+        )
+    parts = _around(frames, out, seed)
+    return Split(*parts, protocol="variation", seed=seed, held_out=held_out, edge=edge)
+
+
+def make_split(
+    frames: Frames,
+    protocol: str,
+    seed: int,
+    held_out: str | None = None,
+    variation: Variation = MappingProxyType({}),
+) -> Split:
+    """Divide frames by one of PROTOCOLS.
+
+    held_out   what `family` or `variation` keeps for testing
+    variation  what was drawn for each frame, for `variation`
+
+    Raises InputError for an unknown protocol, a missing or needless held_out, or too little to divide.
     """
     if protocol not in PROTOCOLS:
         raise InputError(f"split: expected one of {', '.join(PROTOCOLS)}, got {protocol!r}")
+    if protocol in ("frame", "shape"):
+        if held_out is not None:
+            raise InputError(f"split by {protocol}: holds nothing out, got {held_out!r}")
+        return split_by_frame(frames, seed) if protocol == "frame" else split_by_shape(frames, seed)
+    if held_out is None:
+        known = ", ".join(FAMILIES if protocol == "family" else variation) or "none, as nothing varies"
+        raise InputError(f"split by {protocol}: name what is held out, one of {known}")
     if protocol == "family":
-        if held_out is None:
-            raise InputError(f"split by family: name the held-out family, one of {', '.join(FAMILIES)}")
         return split_by_family(frames, seed, held_out)
-    if held_out is not None:
-        raise InputError(f"split by {protocol}: takes no held-out family, got {held_out!r}")
-    return split_by_frame(frames, seed) if protocol == "frame" else split_by_shape(frames, seed)
+    return split_by_variation(frames, seed, held_out, variation)
+
+
+def _around(frames: Frames, out: Bool[np.ndarray, " frames"], seed: int) -> tuple[Index, Index, Index]:
+    """Training, validation and test part: the last is what is held out, the others divide the rest."""
+    parts = _divide_shapes(frames.shape_id[~out], frames.scenario[~out], (0.75, 0.25), seed)
+    train, validation = (np.flatnonzero(np.isin(frames.shape_id, part) & ~out) for part in parts)
+    return train, validation, np.flatnonzero(out)
 
 
 def _divide_shapes(

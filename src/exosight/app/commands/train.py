@@ -22,8 +22,8 @@ def train(
     more: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH …", help_behavior_hint="")] = (),
     fresh: Annotated[int, tyro.conf.arg(metavar="SHAPES")] = 0,
     pretrained: Annotated[str | None, tyro.conf.arg(metavar="MODEL", help_behavior_hint="")] = None,
-    protocol: Literal["shape", "frame", "family"] = "shape",
-    held_out: Annotated[str | None, tyro.conf.arg(metavar="FAMILY", help_behavior_hint="")] = None,
+    protocol: Literal["shape", "frame", "family", "variation"] = "shape",
+    held_out: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None,
     split_seed: Seed = 0,
     resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     config: Annotated[TrainConfig, tyro.conf.arg(name="")] = DEFAULT,
@@ -45,25 +45,26 @@ def train(
         data: folder of a dataset, from `exosight generate`
         out: folder of the run; it must not exist, unless --resume
         more: folders of further datasets to learn from; what --data keeps for judging is left out of them, as
-            is a held-out family
+            is what --held-out names
         fresh: shapes of each scenario simulated anew for every epoch, and learned from in it alone
         pretrained: a network to start from in place of random weights: its model.onnx, or 'shipped'
-        protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's) or family
-        held_out: family of shapes kept for testing, with --protocol family
+        protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's), or with the
+            test part that --held-out names: family or variation (unseen stiffness, unseen cameras)
+        held_out: what is kept for testing: a family of shapes, or something that varies in the dataset, such
+            as plant.young or appearance.roll, whose largest fifth is
         split_seed: seed of the division
         resume: go on with the run that the folder holds
         config: network, recipe and seed
     """
     if out.exists() and not resume:
         raise DataError(f"{out}: exists already; name a new folder, or add --resume to go on with its run")
-    if fresh < 0 or (fresh and protocol == "family"):
+    if fresh < 0 or (fresh and protocol in ("family", "variation")):
         raise InputError(
-            f"--fresh: expected 0 or more shapes, and not with --protocol family, whose held-out family they "
-            f"would hold, got {fresh}"
+            f"--fresh: expected 0 or more shapes, and not with --protocol {protocol}, as they would hold "
+            f"what is held out, got {fresh}"
         )
     # Here, so that --help and wrong options answer at once.
-    from exosight.app.pipeline import MODEL, check_training, fit, load
-    from exosight.dataset import make_split
+    from exosight.app.pipeline import MODEL, check_training, divided, fit, load
 
     check_training()
     from exosight.control.estimator import DEFAULT_MODEL
@@ -74,7 +75,7 @@ def train(
     begun = load_pretrained(place) if place else None
     with join(config.device) as team:
         loaded = load(data)
-        split = make_split(loaded.frames, protocol, split_seed, held_out)
+        split = divided(loaded, protocol, split_seed, held_out)
         with progress("training", "steps") as update:
             history = fit(
                 loaded,
