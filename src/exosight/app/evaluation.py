@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float32, Int, Int8, UInt8
+from jaxtyping import Float32, Int, Int8, Int32, UInt8
 
 from exosight.app.console import progress, to_json
 from exosight.app.pipeline import Data, beside, divided, stacked_rows, test_part
@@ -56,6 +56,8 @@ class Evaluation:
     """f_C1…f_C7 [N]."""
     loading: Int8[np.ndarray, " frames"]
     """+1 while the actuation rises, −1 while it falls."""
+    shape_id: Int32[np.ndarray, " frames"]
+    """Number of the exosuit."""
     readings: dict[str, Reading]
     """"clean" and each corruption of the images → what is read off them, with intervals of USUAL."""
     intervals: Coverage
@@ -80,7 +82,7 @@ class Evaluation:
         """Each contact, largest forces, more on the errors, what no picture is needed for."""
         scores = score(self.true, self.estimated)
         contact = self.readings[CLEAN].contact
-        details = evaluate_details(self.true, self.estimated, contact, self.loading)
+        details = evaluate_details(self.true, self.estimated, contact, self.loading, self.shape_id)
         tables = (
             contact_table("contacts", "Each contact", scores),
             largest_table("largest_forces", "Largest forces", scores),
@@ -159,6 +161,7 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
             frames=f"{len(index)} frames: {meaning}",
             true=true,
             loading=frames.loading[index],
+            shape_id=frames.shape_id[index],
             readings={CLEAN: usual, **degraded},
             intervals=evaluate_intervals(true, usual.forces, ends),
             unlike=evaluate_unlikeness(unlike, images, usual.unlike, seed),

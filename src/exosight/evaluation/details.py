@@ -1,10 +1,10 @@
-"""More on how far estimates are off: explained variance, contact or none, rare errors, the way back."""
+"""More on how far estimates are off: chance in r, explained variance, contact or none, rare errors."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int8
+from jaxtyping import Bool, Float, Float64, Int8, Int32
 
 from exosight.errors import InputError
 from exosight.evaluation.metrics import CONTACTS, score, spread
@@ -14,6 +14,10 @@ TOUCHING = 1e-3
 """A contact counts as touching from this true force on [N]: a hundredth of a typical one."""
 CERTAIN = 0.5
 """It is said to touch above this probability [-]."""
+LIKELY = 0.95
+"""Share of the draws of exosuits whose r lies between `r_low` and `r_high`."""
+
+_DRAWS = 2000
 
 
 @dataclass(frozen=True)
@@ -21,6 +25,10 @@ class Detail:
     """One contact; NaN marks a quantity that is undefined."""
 
     name: str
+    r_low: float
+    """Pearson's r by the choice of exosuits: 2.5 % of their draws have less [-]; NaN where undefined."""
+    r_high: float
+    """97.5 % of them have less [-]."""
     r2: float
     """1 − mean squared error / variance of the true force [-]; NaN where that never varies."""
     f1: float
@@ -40,27 +48,62 @@ def evaluate_details(
     estimated: Float[np.ndarray, "frames 7"],
     contact: Float[np.ndarray, "frames 7"],
     loading: Int8[np.ndarray, " frames"],
+    shape_id: Int32[np.ndarray, " frames"],
 ) -> tuple[Detail, ...]:
     """Compare estimated with true forces, contact by contact.
 
     true, estimated  on C1…C7 [N]
     contact          probability that each touches [-]
     loading          +1 while the actuation rises, −1 while it falls
+    shape_id         number of the exosuit
 
     Raises InputError where `score` does, or for a probability outside 0…1.
     """
     score(true, estimated)  # what it refuses is refused here
     if not np.all((contact >= 0) & (contact <= 1)):
         raise InputError("contact: expected probabilities within 0…1")
+    low, high = resampled_r(true, estimated, shape_id)
     return tuple(
-        _detail(name, true[:, i], estimated[:, i], contact[:, i], loading) for i, name in enumerate(CONTACTS)
+        _detail(name, true[:, i], estimated[:, i], contact[:, i], loading, float(low[i]), float(high[i]))
+        for i, name in enumerate(CONTACTS)
     )
+
+
+def resampled_r(
+    true: Float[np.ndarray, "frames n"],
+    estimated: Float[np.ndarray, "frames n"],
+    shape_id: Int32[np.ndarray, " frames"],
+    seed: int = 0,
+) -> Float64[np.ndarray, "2 n"]:
+    """Between what Pearson's r of each column lies in 95 % of draws of as many exosuits, with replacement.
+
+    Whole exosuits are drawn (bootstrap of clusters), as frames of one are much alike. Draws in which r is not
+    defined do not count; NaN where it never is.
+
+    Source: Efron and Tibshirani, An Introduction to the Bootstrap, 1993, section 13.3 (percentile interval).
+    """
+    x, y = (values - values.mean(axis=0, dtype=np.float64) for values in (true, estimated))
+    _, of = np.unique(shape_id, return_inverse=True)
+    shapes = int(of.max()) + 1
+    sums = np.zeros((shapes, 6, x.shape[1]))
+    np.add.at(sums, of, np.stack([np.ones_like(x), x, y, x * x, y * y, x * y], axis=1))
+    drawn = np.random.default_rng(seed).multinomial(shapes, np.full(shapes, 1 / shapes), size=_DRAWS)
+    n, sx, sy, sxx, syy, sxy = np.moveaxis(np.tensordot(drawn, sums, axes=1), 1, 0)
+    vx, vy = n * sxx - sx * sx, n * syy - sy * sy
+    defined = (vx > 1e-9 * n * sxx) & (vy > 1e-9 * n * syy)  # what a constant has is round-off
+    r = np.where(defined, n * sxy - sx * sy, np.nan) / np.sqrt(np.where(defined, vx * vy, 1.0))
+    found = np.full((2, x.shape[1]), np.nan)
+    some = ~np.isnan(r).all(axis=0)
+    found[:, some] = np.nanquantile(r[:, some], [(1 - LIKELY) / 2, (1 + LIKELY) / 2], axis=0)
+    return np.clip(found, -1.0, 1.0)
 
 
 def detail_table(name: str, caption: str, found: tuple[Detail, ...]) -> Table:
     """Return all of them, one row a contact, with means over the contacts."""
     columns = (
         Column("contact"),
+        Column("from", group="r, 95 %", digits=3),
+        Column("to", group="r, 95 %", digits=3),
         Column("R²", digits=3),
         Column("contact F1", digits=3),
         Column("95th percentile", "N", "absolute error", 4),
@@ -69,13 +112,15 @@ def detail_table(name: str, caption: str, found: tuple[Detail, ...]) -> Table:
         Column("unloading", "N", "RMSE", 4),
     )
     rows: list[tuple[Cell, ...]] = [
-        (d.name, d.r2, d.f1, d.p95, d.largest, d.rmse_loading, d.rmse_unloading) for d in found
+        (d.name, d.r_low, d.r_high, d.r2, d.f1, d.p95, d.largest, d.rmse_loading, d.rmse_unloading)
+        for d in found
     ]
-    fields = ("r2", "f1", "p95", "largest", "rmse_loading", "rmse_unloading")
+    fields = ("r_low", "r_high", "r2", "f1", "p95", "largest", "rmse_loading", "rmse_unloading")
     rows.append(("mean", *(spread([getattr(d, field) for d in found]).mean for field in fields)))
     note = (
-        f"A contact touches from a true force of {1000 * TOUCHING:g} mN on, and is said to touch above a "
-        f"probability of {CERTAIN:g}. Means are over the contacts where a number is defined."
+        f"Of {_DRAWS} draws of as many exosuits, with replacement, {100 * LIKELY:g} % have an r within the "
+        f"first two numbers. A contact touches from a true force of {1000 * TOUCHING:g} mN on, and is said to "
+        f"touch above a probability of {CERTAIN:g}. Means are over the contacts where a number is defined."
     )
     return Table(name, caption, columns, tuple(rows), note)
 
@@ -86,11 +131,15 @@ def _detail(
     estimated: Float[np.ndarray, " frames"],
     contact: Float[np.ndarray, " frames"],
     loading: Int8[np.ndarray, " frames"],
+    r_low: float,
+    r_high: float,
 ) -> Detail:
     error = estimated.astype(np.float64) - true
     variance = float(np.var(true.astype(np.float64)))
     return Detail(
         name=name,
+        r_low=r_low,
+        r_high=r_high,
         r2=1 - float(np.mean(error**2)) / variance if np.ptp(true) > 0 else math.nan,
         f1=_f1(true >= TOUCHING, contact > CERTAIN),
         p95=float(np.quantile(np.abs(error), 0.95)),
