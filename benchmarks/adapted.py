@@ -12,6 +12,17 @@
     exosight train --data MANY --out adapted --epochs 8 --pretrained shipped
     python -m benchmarks.adapted MANY adapted/model.onnx --name many
 
+Stiffness and cameras that are never learned:
+
+    exosight generate --out SOFT --per-scenario 125 --seed 9 --plant.young 0.5 2
+    exosight train --data SOFT --out held_out --epochs 4 --pretrained shipped \\
+        --protocol variation --held-out plant.young
+    python -m benchmarks.adapted SOFT held_out/model.onnx --name stiffness
+
+    exosight train --data MANY --out held_out --epochs 8 --pretrained shipped \\
+        --protocol variation --held-out appearance.zoom
+    python -m benchmarks.adapted MANY held_out/model.onnx --name cameras
+
 The shipped one and those named are judged on the same frames: what was kept for testing from the first named.
 """
 

@@ -119,8 +119,8 @@ def detail_table(name: str, caption: str, found: tuple[Detail, ...]) -> Table:
     rows.append(("mean", *(spread([getattr(d, field) for d in found]).mean for field in fields)))
     note = (
         f"Of {_DRAWS} draws of as many exosuits, with replacement, {100 * LIKELY:g} % have an r within the "
-        f"first two numbers. A contact touches from a true force of {1000 * TOUCHING:g} mN on, and is said to "
-        f"touch above a probability of {CERTAIN:g}. Means are over the contacts where a number is defined."
+        f"first two numbers. A contact touches from a true force of {1000 * TOUCHING:g} mN on, and is said "
+        f"to touch above a probability of {CERTAIN:g}. Means are over the contacts where a number is defined."
     )
     return Table(name, caption, columns, tuple(rows), note)
 
