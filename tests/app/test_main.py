@@ -386,9 +386,12 @@ def test_a_network_goes_on_from_another_and_says_so(
     main(["train", "--data", str(other), "--out", str(tmp_path / "wider"), *words, *wider])
     found = OnnxEstimator.load(tmp_path / "wider" / "model.onnx")
     assert found.card.training["pretrained"] == sealed(own.read_bytes())
-    assert part_to_judge(found.card, load(data))[1].endswith(
-        "which the network that it started from may know"
-    )
+    third = make_dataset(tmp_path / "third", shapes=sample_shapes(1, seed=6), seed=3)
+    for judged, words in (
+        (data, "all frames of a dataset that the network has learned from"),
+        (third, "all frames of another dataset, which the network that it started from may know"),
+    ):
+        assert part_to_judge(found.card, load(judged))[1] == words
     # Of `data` it has learned from all frames, so it is no start for a network that is judged by them.
     again = ("train", "--data", data, "--out", tmp_path / "again", "--pretrained")
     sentence = refused(*again, tmp_path / "wider" / "model.onnx")

@@ -185,7 +185,7 @@ def _check_unseen(pretrained: ModelCard, data: Data, split: Split) -> None:
     mine, known = dataset_identity(data.manifest)["sha256"], pretrained.data
     there = known.get("protocol"), known.get("split_seed"), known.get("held_out") or None
     asked = split.protocol, split.seed, split.held_out
-    if mine in str(known.get("more", "")).split(", "):
+    if mine in _more(pretrained):
         problem = "learned from the whole of this dataset"
     elif known.get("sha256") == mine and there != asked:
         problem = f"learned from this dataset divided otherwise (by {there[0]}, split seed {there[1]})"
@@ -197,6 +197,11 @@ def _check_unseen(pretrained: ModelCard, data: Data, split: Split) -> None:
         f"pretrained: expected a network that has not seen what is kept for testing, got one that {problem}; "
         "divide the data as it did, or start from another"
     )
+
+
+def _more(card: ModelCard) -> list[str]:
+    """Identities of the datasets that a network has learned from as a whole."""
+    return str(card.data.get("more", "")).split(", ")
 
 
 def stacked_rows(frames: Frames, past: int) -> Int[np.ndarray, "frames stack"]:
@@ -245,9 +250,13 @@ def auxiliary(frames: Frames) -> Float32[np.ndarray, "frames 5"]:
 def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], str]:
     """The frames that a network may be judged on, and what they are.
 
-    Of the dataset that it learned from, the test part of its own split; of any other, all frames.
+    Of the dataset that it learned from, the test part of its own split; of any other, all frames, and a word
+    of warning where it has learned from them, or may have.
     """
-    if card.data.get("sha256") != dataset_identity(data.manifest)["sha256"]:
+    mine = dataset_identity(data.manifest)["sha256"]
+    if mine in _more(card):
+        return np.arange(len(data.frames)), "all frames of a dataset that the network has learned from"
+    if card.data.get("sha256") != mine:
         doubt = ", which the network that it started from may know" if card.training.get("pretrained") else ""
         return np.arange(len(data.frames)), f"all frames of another dataset{doubt}"
     try:
