@@ -356,7 +356,7 @@ def test_a_network_is_judged_by_what_was_held_out_from_it(
     test, words = part_to_judge(card, loaded)
     young = loaded.variation["plant.young"]
     assert np.array_equal(test, np.flatnonzero(young >= np.quantile(young, 0.8)))
-    assert words == "test part by variation"
+    assert words == "test part by variation (plant.young)"
 
 
 def test_what_cannot_be_started_from_is_refused(

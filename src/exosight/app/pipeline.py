@@ -264,7 +264,8 @@ def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], 
         held_out = str(card.data["held_out"]) or None
     except (KeyError, ValueError) as error:
         raise InputError("model: its file does not tell which part of the data it learned from") from error
-    return divided(data, protocol, seed, held_out).test, f"test part by {protocol}"
+    name = f"{protocol} ({held_out})" if held_out else protocol
+    return divided(data, protocol, seed, held_out).test, f"test part by {name}"
 
 
 def camera_of(card: ModelCard) -> Camera:
