@@ -11,10 +11,10 @@ from jaxtyping import Float32, Int, UInt8
 from pydantic import TypeAdapter
 
 from exosight.dataset import (
+    Columns,
     Frames,
     Manifest,
     Split,
-    Variation,
     dataset_identity,
     make_split,
     read_frames,
@@ -55,7 +55,7 @@ class Data:
 
     manifest: Manifest
     frames: Frames
-    variation: Variation = field(default_factory=dict)
+    variation: Columns = field(default_factory=dict)
     """what was drawn for each frame, by name"""
 
 

@@ -1,6 +1,6 @@
 """Labelled images: in memory, on disk, and divided for training and testing."""
 
-from exosight.dataset.frames import QUANTITIES, Frames, concatenate, previous, take
+from exosight.dataset.frames import QUANTITIES, Columns, Frames, concatenate, previous, take
 from exosight.dataset.manifest import (
     ChunkEntry,
     Manifest,
@@ -13,7 +13,6 @@ from exosight.dataset.manifest import (
 from exosight.dataset.splits import (
     PROTOCOLS,
     Split,
-    Variation,
     make_split,
     split_by_family,
     split_by_frame,
@@ -26,10 +25,10 @@ __all__ = [
     "PROTOCOLS",
     "QUANTITIES",
     "ChunkEntry",
+    "Columns",
     "Frames",
     "Manifest",
     "Split",
-    "Variation",
     "concatenate",
     "dataset_identity",
     "make_split",

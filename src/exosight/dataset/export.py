@@ -9,10 +9,10 @@ from typing import Any
 import cv2
 import numpy as np
 
-from exosight.dataset.frames import QUANTITIES, Frames
+from exosight.dataset.frames import QUANTITIES, Columns, Frames
 from exosight.dataset.manifest import MANIFEST, Manifest, read_manifest
 from exosight.dataset.matlab import to_matlab, write_mat
-from exosight.dataset.store import Columns, read_frames, read_variation
+from exosight.dataset.store import read_frames, read_variation
 from exosight.errors import DataError, InputError
 from exosight.files import new_file
 

@@ -62,6 +62,10 @@ CAUSES = ("not_converged", "crosses_itself", "tip_below_finger")
 """Why a simulated frame is dropped; a frame counts under the first cause that holds."""
 
 
+Columns = dict[str, Float64[np.ndarray, " frames"]]
+"""Numbers by name, one a frame, such as what was drawn for each."""
+
+
 def take(frames: Frames, index: Int[np.ndarray, " picked"]) -> Frames:
     """The frames at the given places, in that order."""
     return Frames(**{name: getattr(frames, name)[index] for name in QUANTITIES})

@@ -9,22 +9,19 @@ variation  the test part is the fifth of the frames in which one thing that vari
            75/25 %: unseen stiffness, unseen cameras.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
-from jaxtyping import Bool, Float64, Int, Int32
+from jaxtyping import Bool, Int, Int32
 
-from exosight.dataset.frames import Frames
+from exosight.dataset.frames import Columns, Frames
 from exosight.errors import InputError
 from exosight.exosuit.shapes import FAMILIES
 
 PROTOCOLS = ("frame", "shape", "family", "variation")
 
 Index = Int[np.ndarray, " _"]
-Variation = Mapping[str, Float64[np.ndarray, " frames"]]
-"""What was drawn for each frame, by name, as `exosight.dataset.read_variation` gives it."""
 
 _HELD_OUT = 0.2
 """Share of the frames that `variation` keeps for testing."""
@@ -85,7 +82,7 @@ def split_by_family(frames: Frames, seed: int, held_out: str) -> Split:
     return Split(*_around(frames, out, seed), protocol="family", seed=seed, held_out=held_out)
 
 
-def split_by_variation(frames: Frames, seed: int, held_out: str, variation: Variation) -> Split:
+def split_by_variation(frames: Frames, seed: int, held_out: str, variation: Columns) -> Split:
     """Test on the fifth of the frames in which something is largest; divide the others' shapes 75/25 %.
 
     held_out   its name, such as `plant.young` or `appearance.roll`
@@ -115,17 +112,18 @@ def make_split(
     protocol: str,
     seed: int,
     held_out: str | None = None,
-    variation: Variation = MappingProxyType({}),
+    variation: Columns | None = None,
 ) -> Split:
     """Divide frames by one of PROTOCOLS.
 
     held_out   what `family` or `variation` keeps for testing
-    variation  what was drawn for each frame, for `variation`
+    variation  what was drawn for each frame, for `variation`, as `read_variation` gives it
 
     Raises InputError for an unknown protocol, a missing or needless held_out, or too little to divide.
     """
     if protocol not in PROTOCOLS:
         raise InputError(f"split: expected one of {', '.join(PROTOCOLS)}, got {protocol!r}")
+    variation = variation or {}
     if protocol in ("frame", "shape"):
         if held_out is not None:
             raise InputError(f"split by {protocol}: holds nothing out, got {held_out!r}")

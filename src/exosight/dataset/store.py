@@ -7,10 +7,9 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from jaxtyping import Float64
 
 from exosight import __version__
-from exosight.dataset.frames import QUANTITIES, Frames, find_fault
+from exosight.dataset.frames import QUANTITIES, Columns, Frames, find_fault
 from exosight.dataset.manifest import (
     FORMAT,
     MANIFEST,
@@ -26,9 +25,6 @@ from exosight.files import replace_file
 
 VARIATION = "variation"
 """Group of a chunk file with what was drawn for each frame, if anything varies."""
-
-Columns = dict[str, Float64[np.ndarray, " frames"]]
-"""Numbers by name, one a frame."""
 
 
 def write_chunk(folder: Path, index: int, frames: Frames, variation: Columns | None = None) -> ChunkEntry:

@@ -6,10 +6,10 @@ This module needs JAX; `exosight.dataset.store.read_variation` reads what was ke
 from dataclasses import fields
 
 import numpy as np
-from jaxtyping import Float64, Int64
+from jaxtyping import Int64
 
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.frames import Frames
+from exosight.dataset.frames import Columns, Frames
 from exosight.exosuit.assembly import MAX_FORCE
 from exosight.exosuit.variation import PlantVariation, Variant, draw_variant
 from exosight.vision.appearance import COLUMNS, Appearance, AppearanceVariation, draw_appearance
@@ -43,14 +43,14 @@ def frame_numbers(config: GenerateConfig, frames: Frames) -> Int64[np.ndarray, "
     return frames.shape_id.astype(np.int64) * config.frames + place
 
 
-def variation_columns(config: GenerateConfig, frames: Frames) -> dict[str, Float64[np.ndarray, " frames"]]:
+def variation_columns(config: GenerateConfig, frames: Frames) -> Columns:
     """All that was drawn for frames of a dataset, by name: none of what does not vary.
 
     Names are `plant.` and a field of `Variant` (of several numbers, with the number's place), `lighting.` and
     a field of `Lighting`, `appearance.` and a field of `Appearance`.
     """
     numbers = frame_numbers(config, frames)
-    columns: dict[str, Float64[np.ndarray, " frames"]] = {}
+    columns: Columns = {}
     if config.plant != PlantVariation():
         shapes, of = np.unique(frames.shape_id, return_inverse=True)
         variants = [variant_of(config, int(shape)) for shape in shapes]
