@@ -1,12 +1,17 @@
 """Every jaxtyping annotation in the package is checked while the tests run, and compiled code is shared.
 
-Most of the tests' time is JAX compiling; the processes of one run, and later runs, share what it made.
+Most of the tests' time is JAX compiling; the processes of one run, and later runs, share what it made. A
+process that has grown large gives its own back when a file of tests is done: kept to the end it came to 5 GB.
 """
 
+import ctypes
+import gc
 import os
+import sys
 from pathlib import Path
 
 import hypothesis
+import pytest
 from jaxtyping import install_import_hook
 
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
@@ -17,3 +22,26 @@ hypothesis.settings.register_profile("exosight", deadline=None)
 hypothesis.settings.load_profile("exosight")
 
 install_import_hook("exosight", "beartype.beartype")
+
+LARGE = 1.5e9
+"""Memory [bytes] above which a process gives back what JAX compiled."""
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> None:
+    """Give it back after the last test of a file; elsewhere than on Linux with glibc nothing is done."""
+    file_is_done = nextitem is None or nextitem.path != item.path
+    if file_is_done and sys.platform == "linux" and _resident() > LARGE:
+        import jax  # after the settings above, which it reads
+
+        jax.clear_caches()
+        gc.collect()
+        libc = ctypes.CDLL(None)
+        if hasattr(libc, "malloc_trim"):
+            libc.malloc_trim(0)
+
+
+def _resident() -> int:
+    """Memory of this process [bytes]."""
+    pages = Path("/proc/self/statm").read_text().split()[1]
+    return int(pages) * os.sysconf("SC_PAGE_SIZE")
