@@ -326,10 +326,13 @@ def test_too_few_shapes_for_a_split_are_refused(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--protocol family", "split by family: name what is held out, one of linear, sine"),
+        ("--protocol family", "split by family: name what is held out (linear, sine"),
         ("--protocol family --held-out square", "expected one of linear, sine, cosine_sum"),
         ("--held-out sine", "split by shape: holds nothing out, got 'sine'"),
-        ("--protocol variation --held-out plant.young", "the dataset has, which is none, got 'plant.young'"),
+        (
+            "--protocol variation --held-out plant.young",
+            "varies in the dataset (nothing does), got",
+        ),
         (
             "--protocol variation --held-out plant.young --fresh 1",
             "--fresh: expected 0 or more shapes, and not",

@@ -136,10 +136,10 @@ def test_the_split_remembers_how_it_was_made() -> None:
     ("count", "protocol", "held_out", "part"),
     [
         (40, "colour", None, "expected one of frame, shape, family, variation, got 'colour'"),
-        (40, "family", None, "split by family: name what is held out, one of linear, sine"),
-        (40, "variation", None, "split by variation: name what is held out, one of even, rare"),
-        (40, "variation", "plant.gap", "expected one that the dataset has, even, rare, got 'plant.gap'"),
-        (40, "variation", "even", "even has its largest value, 1, in 100% of the frames"),
+        (40, "family", None, "split by family: name what is held out (linear, sine"),
+        (40, "variation", None, "split by variation: name what is held out (rare)"),
+        (40, "variation", "plant.gap", "expected what varies in the dataset (rare), got 'plant.gap'"),
+        (40, "variation", "even", "expected what varies in the dataset (rare), got 'even'"),
         (40, "variation", "rare", "rare has its largest value, 0, in 90% of the frames"),
         (40, "family", "spline", "cosine_sum, sine_cosine, legendre, got 'spline'"),
         (40, "family", "sine", "no frames of 'sine'"),
@@ -158,7 +158,7 @@ def test_what_cannot_be_split_is_said(count: int, protocol: str, held_out: str |
 
 
 def test_nothing_varies() -> None:
-    with pytest.raises(InputError, match=r"the dataset has, which is none, got 'plant\.young'"):
+    with pytest.raises(InputError, match=r"in the dataset \(nothing does\), got 'plant\.young'"):
         make_split(WHOLE, "variation", 0, "plant.young")
 
 

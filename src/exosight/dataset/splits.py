@@ -9,7 +9,7 @@ variation  the test part is the fifth of the frames in which one thing that vari
            75/25 %: unseen stiffness, unseen cameras.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,10 +90,10 @@ def split_by_variation(frames: Frames, seed: int, held_out: str, variation: Colu
 
     Raises InputError for what does not vary in the dataset, hardly does, or leaves fewer than four shapes.
     """
-    if held_out not in variation:
+    if held_out not in _varying(variation):
         raise InputError(
-            f"held-out variation: expected one that the dataset has, "
-            f"{', '.join(variation) or 'which is none'}, got {held_out!r}; generate one in which it varies"
+            f"held-out variation: expected what varies in the dataset ({_listed(_varying(variation))}), got "
+            f"{held_out!r}; generate a dataset in which it varies"
         )
     values = variation[held_out]
     edge = float(np.quantile(values, 1 - _HELD_OUT, method="higher"))
@@ -129,11 +129,19 @@ def make_split(
             raise InputError(f"split by {protocol}: holds nothing out, got {held_out!r}")
         return split_by_frame(frames, seed) if protocol == "frame" else split_by_shape(frames, seed)
     if held_out is None:
-        known = ", ".join(FAMILIES if protocol == "family" else variation) or "none, as nothing varies"
-        raise InputError(f"split by {protocol}: name what is held out, one of {known}")
+        known = _listed(FAMILIES if protocol == "family" else _varying(variation))
+        raise InputError(f"split by {protocol}: name what is held out ({known})")
     if protocol == "family":
         return split_by_family(frames, seed, held_out)
     return split_by_variation(frames, seed, held_out, variation)
+
+
+def _varying(variation: Columns) -> list[str]:
+    return [name for name, values in variation.items() if (values != values[:1]).any()]
+
+
+def _listed(names: Iterable[str]) -> str:
+    return ", ".join(names) or "nothing does"
 
 
 def _around(frames: Frames, out: Bool[np.ndarray, " frames"], seed: int) -> tuple[Index, Index, Index]:
