@@ -97,6 +97,6 @@ worn = varied(Exosuit(CONTROL_SHAPE), drawn)
 print(f"F_net at {LOAD} N: {float(simulate(worn, [LOAD]).pose.net_force[0]):.3f} N")
 
 # %%
-# A finger that has been measured is better learned than doubted: ``exosight generate`` with its numbers, then
-# ``exosight train --pretrained shipped --epochs 4`` takes the shipped network there in minutes
+# A finger that has been measured is better learned than doubted: ``exosight generate --seed 7`` with its
+# numbers, then ``exosight train --pretrained shipped --epochs 4`` takes the shipped network there in minutes
 # (:doc:`/accuracy`).

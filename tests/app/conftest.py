@@ -44,7 +44,7 @@ def write_dataset(
     folder.mkdir()
     manifest = new_manifest(
         config={},
-        seed=0,
+        seed=seed,
         camera=camera,
         load_limit=4.0,
         dofs=25,

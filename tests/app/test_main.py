@@ -363,11 +363,19 @@ def test_a_network_is_judged_by_what_was_held_out_from_it(
 
 
 def test_what_cannot_be_started_from_is_refused(
-    refused: Refused, data: Path, run_folder: Path, tmp_path: Path
+    refused: Refused, data: Path, run_folder: Path, tmp_path: Path, make_dataset: Callable[..., Path]
 ) -> None:
     """A network of another image size, a file that is none, one that knows what is to be judged by."""
     words = ("train", "--data", data, "--out", tmp_path / "out", "--threads", "1", "--pretrained")
-    assert "its image size is (128, 128), asked for is (32, 32)" in refused(*words, "shipped")
+    # The shipped network learned from seeds 0 to 3.
+    for seed, said in (
+        (7, "its image size is (128, 128), asked for is (32, 32)"),
+        (0, "learned from exosuits of the same seed, 0"),
+        (3, "learned from exosuits of the same seed, 3"),
+    ):
+        mine = make_dataset(tmp_path / f"seed_{seed}", seed=seed)
+        sentence = refused("train", "--data", mine, "--out", tmp_path / "out", "--pretrained", "shipped")
+        assert said in sentence
     assert "cannot be read" in refused(*words, tmp_path / "none.onnx")
     own = run_folder / "model.onnx"
     (tmp_path / "cut.onnx").write_bytes(own.read_bytes()[:-1000])
@@ -390,9 +398,16 @@ def test_a_network_goes_on_from_another_and_says_so(
     found = OnnxEstimator.load(tmp_path / "wider" / "model.onnx")
     assert found.card.training["pretrained"] == sealed(own.read_bytes())
     third = make_dataset(tmp_path / "third", shapes=sample_shapes(1, seed=6), seed=3)
+    # A smaller draw of a seed has some of the same exosuits.
+    fewer = make_dataset(tmp_path / "fewer", shapes=sample_shapes(1, seed=0)[:6])
     for judged, words in (
         (data, "all frames of a dataset that the network has learned from"),
-        (third, "all frames of another dataset, which the network that it started from may know"),
+        (third, "all frames of another dataset"),
+        (
+            fewer,
+            "all frames of another dataset, of whose exosuits the network may know some, as it learned from "
+            "seed 0",
+        ),
     ):
         assert part_to_judge(found.card, load(judged))[1] == words
     # Of `data` it has learned from all frames, so it is no start for a network that is judged by them.
@@ -404,6 +419,9 @@ def test_a_network_goes_on_from_another_and_says_so(
         *("--protocol", "family", "--held-out", "sine"),
     )
     assert "learned from the family sine" in sentence
+    for start in (own, tmp_path / "wider" / "model.onnx"):
+        sentence = refused("train", "--data", fewer, "--out", tmp_path / "new", "--pretrained", start)
+        assert "learned from exosuits of the same seed, 0" in sentence
 
 
 def test_files_that_are_no_network_are_refused(

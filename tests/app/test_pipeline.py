@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cards import made_up
 from pydantic import TypeAdapter
 
 from exosight.app import pipeline
 from exosight.app.pipeline import Data, divided, fit, identity, load, widened
-from exosight.dataset import make_split
+from exosight.dataset import dataset_identity, make_split
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.manifest import sampled_shapes
 from exosight.errors import InputError
@@ -24,6 +25,10 @@ from exosight.vision.camera import Camera
 @pytest.fixture
 def first(data: Path) -> Data:
     return load(data)
+
+
+def hash_of(data: Data) -> str:
+    return dataset_identity(data.manifest)["sha256"]
 
 
 def test_frames_of_judged_shapes_are_left_out_whatever_their_numbers(
@@ -108,11 +113,24 @@ def test_another_camera_is_refused(first: Data, make_dataset: Callable[..., Path
         widened(first, make_split(first.frames, "shape", 0), [other])
 
 
-def test_the_network_remembers_all_its_datasets(first: Data) -> None:
+def test_the_network_remembers_all_its_datasets(
+    first: Data, make_dataset: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Also those of the network that it goes on from, and of the one before that."""
     split = make_split(first.frames, "shape", 0)
-    alone, both = identity(first, split), identity(first, split, [first.manifest])
-    assert alone["more"] == ""
-    assert both["more"] == alone["sha256"]
+    second, third = (
+        load(make_dataset(tmp_path / str(seed), shapes=sample_shapes(1, seed=seed), seed=seed))
+        for seed in (2, 3)
+    )
+    alone, both = identity(first, split), identity(first, split, [second.manifest])
+    assert (alone["more"], alone["more_seeds"]) == ("", "")
+    assert (both["more"], both["more_seeds"]) == (identity(second, split)["sha256"], "2")
+    further = identity(third, split, start=made_up(32, 32, data=both))
+    assert further["more"] == f"{hash_of(first)}, {hash_of(second)}"
+    assert further["more_seeds"] == "0, 2"
+    again = identity(first, split, start=made_up(32, 32, data=further))
+    assert again["more"] == f"{hash_of(third)}, {hash_of(second)}"
+    assert again["more_seeds"] == "3, 2"
 
 
 def test_every_epoch_may_bring_exosuits_never_seen(

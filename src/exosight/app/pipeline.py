@@ -112,9 +112,20 @@ def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Spl
     return frames, replace(split, train=np.concatenate([split.train, added]))
 
 
-def identity(data: Data, split: Split, more: Sequence[Manifest] = ()) -> dict[str, str | int | float]:
-    """What a network remembers of its data: which dataset, which camera, which part of it, which others."""
+def identity(
+    data: Data, split: Split, more: Sequence[Manifest] = (), start: ModelCard | None = None
+) -> dict[str, str | int | float]:
+    """What a network remembers of its data: which dataset, which camera, which part of it, which others.
+
+    more   datasets learned from as a whole
+    start  of the network that it goes on from, whose data count among the others
+    """
     whole = dataset_identity(data.manifest)
+    others = [(str(dataset_identity(other)["sha256"]), str(other.seed)) for other in more]
+    hashes, seeds = ([entry[i] for entry in others] for i in range(2))
+    if start:
+        hashes += [*_listed(start, "sha256"), *_listed(start, "more")]
+        seeds += [*_listed(start, "seed"), *_listed(start, "more_seeds")]
     camera = whole.pop("camera")
     return {
         **whole,
@@ -122,7 +133,8 @@ def identity(data: Data, split: Split, more: Sequence[Manifest] = ()) -> dict[st
         "protocol": split.protocol,
         "split_seed": split.seed,
         "held_out": split.held_out or "",
-        "more": ", ".join(str(dataset_identity(other)["sha256"]) for other in more),
+        "more": _joined(hashes, own=str(whole["sha256"])),
+        "more_seeds": _joined(seeds, own=str(whole["seed"])),
     }
 
 
@@ -151,7 +163,8 @@ def fit(
 
     if pretrained:
         _check_unseen(pretrained.card, data, split)
-    about = {**identity(data, split, [read_manifest(folder) for folder in more]), "fresh": fresh}
+    start = pretrained.card if pretrained else None
+    about = {**identity(data, split, [read_manifest(folder) for folder in more], start), "fresh": fresh}
     frames, wider = widened(data, split, map(load, more))  # one at a time: they are large
     if config.past:
         about[APART] = _apart(data.frames)
@@ -185,23 +198,34 @@ def _check_unseen(pretrained: ModelCard, data: Data, split: Split) -> None:
     mine, known = dataset_identity(data.manifest)["sha256"], pretrained.data
     there = known.get("protocol"), known.get("split_seed"), known.get("held_out") or None
     asked = split.protocol, split.seed, split.held_out
-    if mine in _more(pretrained):
+    seed = str(data.manifest.seed)
+    # Of one seed a division is the same where as many exosuits are divided.
+    alike = there == asked and known.get("shapes") == len(np.unique(data.frames.shape_id))
+    if mine in _listed(pretrained, "more"):
         problem = "learned from the whole of this dataset"
     elif known.get("sha256") == mine and there != asked:
         problem = f"learned from this dataset divided otherwise (by {there[0]}, split seed {there[1]})"
+    elif seed in _listed(pretrained, "more_seeds") or (seed in _listed(pretrained, "seed") and not alike):
+        problem = f"learned from exosuits of the same seed, {seed}"
     elif split.protocol == "family" and there[2] != split.held_out:
         problem = f"learned from the family {split.held_out}"
     else:
         return
     raise InputError(
         f"pretrained: expected a network that has not seen what is kept for testing, got one that {problem}; "
-        "divide the data as it did, or start from another"
+        "divide the data as it did, generate others with a --seed of their own, or start from another"
     )
 
 
-def _more(card: ModelCard) -> list[str]:
-    """Identities of the datasets that a network has learned from as a whole."""
-    return str(card.data.get("more", "")).split(", ")
+def _listed(card: ModelCard, entry: str) -> list[str]:
+    """What a network remembers of its data, one by one."""
+    found = str(card.data.get(entry, ""))
+    return found.split(", ") if found else []
+
+
+def _joined(entries: Iterable[str], own: str) -> str:
+    """Each once, without what is told of the dataset itself."""
+    return ", ".join(entry for entry in dict.fromkeys(entries) if entry != own)
 
 
 def stacked_rows(frames: Frames, past: int) -> Int[np.ndarray, "frames stack"]:
@@ -254,10 +278,12 @@ def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], 
     of warning where it has learned from them, or may have.
     """
     mine = dataset_identity(data.manifest)["sha256"]
-    if mine in _more(card):
+    if mine in _listed(card, "more"):
         return np.arange(len(data.frames)), "all frames of a dataset that the network has learned from"
     if card.data.get("sha256") != mine:
-        doubt = ", which the network that it started from may know" if card.training.get("pretrained") else ""
+        seed, doubt = str(data.manifest.seed), ""
+        if seed in _listed(card, "seed") + _listed(card, "more_seeds"):
+            doubt = f", of whose exosuits the network may know some, as it learned from seed {seed}"
         return np.arange(len(data.frames)), f"all frames of another dataset{doubt}"
     try:
         protocol, seed = str(card.data["protocol"]), int(card.data["split_seed"])
