@@ -39,7 +39,6 @@ def train(
 
     Examples:
       exosight train --data results/data --out results/light
-      exosight generate --out mine --per-scenario 125 --seed 7 --young 4e5
       exosight train --data mine --out adapted --pretrained shipped --epochs 4
 
     Args:
