@@ -18,7 +18,7 @@ demo: .venv/ready-train
 	$(BIN)/exosight study --preset quick --out results/quick --resume
 
 test: .venv/ready-test lint
-	$(BIN)/pytest -n 2 --dist loadfile
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: .venv/ready-test
 	$(BIN)/ruff format --check .

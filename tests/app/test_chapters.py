@@ -78,10 +78,12 @@ def judgements() -> list[Judgement]:
     ]
 
 
-def robustness() -> RobustnessSummary:
+def robustness(learned: bool = True) -> RobustnessSummary:
     scores = judgements()[0].scores
     names = ROBUSTNESS_PUBLISHED
-    return RobustnessSummary(BY_SHAPE, {name: scores for name in names}, {name: images(2) for name in names})
+    return RobustnessSummary(
+        BY_SHAPE, {name: scores for name in names}, {name: images(2) for name in names}, learned
+    )
 
 
 def path() -> PathSummary:
@@ -192,3 +194,11 @@ def test_limits_are_a_list_and_the_command_is_quoted_whole(study):
     assert isinstance(chapters.limits().blocks[0], Points)
     listings = [block for block in study.sections[-1].blocks if isinstance(block, Listing)]
     assert [block.text for block in listings] == ["exosight study", "seed: 0\n"]
+
+
+def test_robustness_says_whether_noise_was_learned() -> None:
+    for learned, said in (
+        (True, "It has learned from pictures with noise"),
+        (False, "None of this was part"),
+    ):
+        assert said in str(chapters.robustness_section(robustness(learned)).blocks[0])

@@ -312,6 +312,8 @@ def test_image_of_the_wrong_size_is_refused(
     smaller = make_dataset(tmp_path / "small", Camera(width=24, height=32))
     sentence = refused("evaluate", "--model", run_folder / "model.onnx", "--data", smaller)
     assert "this estimator needs uint8 (frames, 32, 32), got uint8 (44, 32, 24)" in sentence
+    shipped = refused("evaluate", "--data", smaller)
+    assert "this estimator needs uint8 (frames, 128, 128), got uint8 (44, 32, 24)" in shipped
 
 
 def test_too_few_shapes_for_a_split_are_refused(

@@ -1,6 +1,9 @@
 """One exosuit under given loads: the paper's numbers, and answers that stand on their own."""
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -132,3 +135,24 @@ def test_way_to_a_load_is_its_own(load: float, others: list[float]) -> None:
     assert alone[-1][0] == pytest.approx(load, abs=1e-9)  # a typed load may differ from k · 0.05 by round-off
     assert np.all(np.abs(np.diff([u for u, _ in alone])) <= PATH_STEP + 1e-9)
     assert way([load, *others]) == alone
+
+
+def test_code_compiled_as_users_compile_it_finds_the_same_forces(records: dict[float, dict]) -> None:
+    """The tests' code generator is another (`tests/conftest.py`).
+
+    With both, poses are solved to 1e-10; 1e-11 m of 0.1 m are 1e-8 N at 1000 N/m.
+    """
+    code = f"""
+import json
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.shapes import ExosuitShape, Linear
+from exosight.exosuit.simulation import simulate
+exosuit = Exosuit(ExosuitShape(Linear(r0=0.01, r1=0.005), length=0.095))
+print(json.dumps(simulate(exosuit, {LOADS}).pose.forces.tolist()))
+"""
+    own = ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR")
+    environment = {name: value for name, value in os.environ.items() if name not in own}
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    expected = np.array([record["forces"] for record in records.values()])
+    np.testing.assert_allclose(json.loads(done.stdout), expected, rtol=0, atol=1e-8 * expected.max())

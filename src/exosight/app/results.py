@@ -89,6 +89,8 @@ class RobustnessSummary:
     """"clean" and each corruption → scores."""
     examples: Mapping[str, UInt8[np.ndarray, "frames height width"]]
     """The same few frames, "clean" and in each corruption."""
+    learned: bool
+    """Whether the network has learned from noisy and faded pictures."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from exosight.evaluation import evaluate_robustness
 from exosight.files import write_new_file
 from exosight.learning.config import resolve
 from exosight.learning.history import EpochRecord
-from exosight.learning.recipes import RECIPES
+from exosight.learning.recipes import RECIPES, Recipe
 from exosight.vision.camera import Camera
 from exosight.vision.corruptions import corrupt
 
@@ -104,14 +104,17 @@ def _training_run(
 
     card = estimator.card
     network = build_network(run.training.network, (card.image_height, card.image_width), AUXILIARY, 0)
-    scaled = RECIPES[resolve(run.training, "cpu", "float32").recipe].scales_forces
     return TrainingRun(
         name=run.name,
         parameters=sum(p.numel() for p in network.parameters() if p.requires_grad),
         frames=len(split.train),
         history=history,
-        loss="loss [force SD]" if scaled else "L1 loss [N]",
+        loss="loss [force SD]" if _recipe(run).scales_forces else "L1 loss [N]",
     )
+
+
+def _recipe(run: RunConfig) -> Recipe:
+    return RECIPES[resolve(run.training, "cpu", "float32").recipe]
 
 
 def _judgement(run: RunConfig, split: Split, data: Data, estimator: OnnxEstimator) -> Judgement:
@@ -126,7 +129,8 @@ def _robustness(
     cases = evaluate_robustness(estimator.estimate, images, data.frames.forces[test], config.seed)
     few = images[np.linspace(0, len(images) - 1, 4).astype(int)]
     examples = {case: few if case == "clean" else corrupt(few, case, config.seed) for case in cases}
-    return RobustnessSummary(config.runs[0].name, cases, examples)
+    run = config.runs[0]
+    return RobustnessSummary(run.name, cases, examples, _recipe(run).augments)
 
 
 def _closed_loops(

@@ -7,11 +7,12 @@ needs no scheduler state to go on as if it had never stopped.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from exosight.learning.history import EpochRecord
 
 
+@runtime_checkable
 class Recipe(Protocol):
     """How a network is trained; adding a way to train is adding one of these to `RECIPES`."""
 

@@ -96,11 +96,16 @@ def accuracy(judgements: Sequence[Judgement]) -> Section:
 
 def robustness_section(robustness: RobustnessSummary) -> Section:
     """Show what noise and low contrast do to the estimate."""
+    learned = (
+        "It has learned from pictures with noise and other grays, drawn anew, as well; the paper's has not."
+        if robustness.learned
+        else "None of this was part of the training."
+    )
     return Section(
         "Robustness",
         (
             "The same test frames with noise added or contrast taken away, as in the paper "
-            f"({robustness.name}). None of this was part of the training.",
+            f"({robustness.name}). {learned}",
             Picture(
                 figures.corrupted_examples(robustness.examples),
                 "Test frames, clean and degraded.",

@@ -9,8 +9,8 @@ from exosight.app.output import new_folder
 
 
 def evaluate(
-    model: Path,
     data: Path,
+    model: MaybePath = None,
     out: MaybePath = None,
     seed: Seed = 0,
     json: Json = None,
@@ -22,11 +22,12 @@ def evaluate(
     noise and contrast, and unlike all that was learned from. The paper's values stand beside.
 
     Example:
-      exosight evaluate --model results/light/model.onnx --data results/data
+      exosight evaluate --data results/data
+      exosight evaluate --data results/data --model results/light/model.onnx
 
     Args:
-        model: exported network, from `exosight train`
         data: folder of a dataset
+        model: exported network, from `exosight train`; the one that comes with the package if left out
         out: folder for tables, estimates (CSV, JSON), figures (HTML) and configuration; it must not exist
         seed: seed of the noise, and of what is unlike
         json: write the scores as JSON to a new file, or to stdout with "-", instead of tables
@@ -36,14 +37,15 @@ def evaluate(
     from exosight.app.evaluation import evaluate as judge
     from exosight.app.evaluation import write_evaluation
     from exosight.app.pipeline import load
-    from exosight.control.estimator import OnnxEstimator
+    from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 
+    place = model or DEFAULT_MODEL
     with new_folder(out) if out is not None else nullcontext() as folder:
-        estimator = OnnxEstimator.load(model, threads=2)
+        estimator = OnnxEstimator.load(place, threads=2)
         found = judge(estimator, load(data), seed)
         say(found.frames)
         if folder is not None:
-            about = {"model": str(model), "data": str(data), "seed": seed}
+            about = {"model": str(model or place.name), "data": str(data), "seed": seed}
             write_evaluation(found, about, estimator, folder)
     if out is not None:
         say(f"wrote {out}")
