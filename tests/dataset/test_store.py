@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
@@ -43,6 +44,33 @@ def test_other_programs_see_units(dataset: Path) -> None:
 def test_equal_frames_make_equal_files(tmp_path: Path) -> None:
     one, other = (write_chunk(tmp_path, index, made_up(SHAPES, seed=5)) for index in (0, 1))
     assert one.sha256 == other.sha256 == hashlib.sha256((tmp_path / one.file).read_bytes()).hexdigest()
+
+
+def test_equal_frames_make_equal_files_however_long_arrays_stay_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A thread that looks at frames of the stack, as Dask's profiler does, keeps what they hold open."""
+    frames = made_up(SHAPES, seed=5)
+    columns = {name: np.linspace(0.0, 1.0, len(frames)) for name in ("appearance.gain", "appearance.roll")}
+    one = write_chunk(tmp_path, 0, frames, columns)
+    held = []
+    create = h5py.Group.create_dataset
+
+    def hold(*arguments, **options):
+        held.append(create(*arguments, **options))
+        return held[-1]
+
+    monkeypatch.setattr(h5py.Group, "create_dataset", hold)
+    other = write_chunk(tmp_path, 1, frames, columns)
+    assert len(held) == len(QUANTITIES) + len(columns)
+    assert one.sha256 == other.sha256
+
+
+def test_threads_write_chunks_side_by_side(tmp_path: Path) -> None:
+    frames = made_up(SHAPES, per_shape=20)
+    with ThreadPoolExecutor(4) as threads:
+        entries = list(threads.map(lambda number: write_chunk(tmp_path, number, frames), range(40)))
+    assert len({entry.sha256 for entry in entries}) == 1
 
 
 def test_the_entry_says_what_is_in_the_chunk(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 import h5py
 import numpy as np
@@ -114,8 +115,13 @@ def read_variation(folder: Path) -> Columns:
 
 
 def _encode(frames: Frames, variation: Columns) -> bytes:
-    """The frames as the bytes of an HDF5 file: made in memory, so a full disk meets plain file writing."""
-    with h5py.File("chunk", "w", driver="core", backing_store=False) as file:
+    """The frames as the bytes of an HDF5 file: made in memory, so a full disk meets plain file writing.
+
+    Where HDF5 puts an array depends on when those before it are flushed: unasked, when they are closed, which
+    is late if another thread (the profiler of a Dask worker) holds on to them. So each is flushed when made.
+    """
+    unique = f"chunk {uuid4()}"  # HDF5 takes files of one name for one, in memory too
+    with h5py.File(unique, "w", driver="core", backing_store=False) as file:
         file.attrs["format"] = FORMAT
         file.attrs["exosight_version"] = __version__
         for name, quantity in QUANTITIES.items():
@@ -125,9 +131,10 @@ def _encode(frames: Frames, variation: Columns) -> bytes:
             data = file.create_dataset(name, data=values, track_times=False, **options)
             data.attrs["unit"] = quantity.unit
             data.attrs["meaning"] = quantity.meaning
+            file.flush()
         for name, values in variation.items():
             file.create_dataset(f"{VARIATION}/{name}", data=values, track_times=False, compression=1)
-        file.flush()
+            file.flush()
         return file.id.get_file_image()
 
 
