@@ -19,6 +19,7 @@ distributed = pytest.importorskip("distributed")
 def scheduler() -> Iterator[str]:
     """The address of a running cluster of two processes that gives up a task at its first dead worker."""
     options = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
+    options["scheduler_kwargs"] = {"dashboard_address": "127.0.0.1:0"}
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
         distributed.LocalCluster(n_workers=2, **options) as cluster,
@@ -35,6 +36,14 @@ def test_every_task_is_done_once_on_the_workers_of_a_scheduler(scheduler: str) -
     found = list(on_cluster(task, range(20), workers=1, scheduler=scheduler))
     assert sorted(number for number, _ in found) == list(range(20))
     assert os.getpid() not in {process for _, process in found}
+
+
+@pytest.mark.filterwarnings("error")
+def test_two_jobs_on_one_machine_do_not_meet() -> None:
+    first = on_cluster(abs, [-1, -2], workers=1)
+    found = [next(first)]
+    assert sorted(on_cluster(abs, [-3, -4], workers=1)) == [3, 4]
+    assert sorted([*found, *first]) == [1, 2]
 
 
 def test_what_a_task_raises_arrives_as_it_is(scheduler: str) -> None:

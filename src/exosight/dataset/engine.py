@@ -54,7 +54,13 @@ def on_cluster(
 def _client(distributed: Any, workers: int, scheduler: str | None) -> Iterator[Any]:
     if scheduler is None:
         # Without a limit of memory: Dask's default would stop a worker that needs more than an equal share.
-        options = {"threads_per_worker": 1, "dashboard_address": None, "memory_limit": None}
+        # Its pages at any free port: at Dask's usual one, two jobs on a machine would meet.
+        options = {
+            "threads_per_worker": 1,
+            "memory_limit": None,
+            "dashboard_address": None,
+            "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
+        }
         with (
             distributed.LocalCluster(n_workers=workers, **options) as cluster,
             distributed.Client(cluster) as client,
