@@ -12,10 +12,12 @@ from pydantic import TypeAdapter
 
 from exosight.app import pipeline
 from exosight.app.pipeline import Data, divided, fit, identity, load, widened
-from exosight.dataset import dataset_identity, make_split
+from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+from exosight.dataset import dataset_identity, make_split, new_manifest
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.manifest import sampled_shapes
+from exosight.dataset.manifest import ChunkEntry, sampled_shapes
 from exosight.errors import InputError
+from exosight.exosuit.assembly import MAX_FORCE
 from exosight.exosuit.scenarios import SampledShape, geometry, sample_shapes
 from exosight.exosuit.shapes import FAMILIES
 from exosight.learning import TrainConfig
@@ -131,6 +133,23 @@ def test_the_network_remembers_all_its_datasets(
     again = identity(first, split, start=made_up(32, 32, data=further))
     assert again["more"] == f"{hash_of(third)}, {hash_of(second)}"
     assert again["more_seeds"] == "3, 2"
+
+
+def test_shipped_network_knows_its_dataset_wherever_it_is_made() -> None:
+    """That of `exosight generate --per-scenario 125`, of which 51,604 frames are kept."""
+    config = GenerateConfig(per_scenario=125)
+    chunk = ChunkEntry("chunk_0000.h5", "0" * 64, bytes=1, frames=51_604, shape_ids=(0,))
+    made = new_manifest(
+        config=TypeAdapter(GenerateConfig).dump_python(config, mode="json"),
+        seed=config.seed,
+        camera=config.camera,
+        load_limit=MAX_FORCE,
+        dofs=25,
+        shapes=sample_shapes(config.per_scenario, config.seed),
+        chunks=[chunk],
+        dropped={"not_converged": 0, "crosses_itself": 16_045, "tip_below_finger": 1_101},
+    )
+    assert OnnxEstimator.load(DEFAULT_MODEL).card.data["sha256"] == dataset_identity(made)["sha256"]
 
 
 def test_every_epoch_may_bring_exosuits_never_seen(

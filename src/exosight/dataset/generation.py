@@ -47,7 +47,7 @@ def generate(
     workers: int = 1,
     scheduler: str | None = None,
 ) -> Manifest:
-    """Simulate, render and store a dataset; equal configurations give equal files.
+    """Simulate, render and store a dataset; on machines of one kind equal configurations give equal files.
 
     progress    called with the shapes done and their total
     resume      go on with the dataset that the folder holds, stopped at any point: chunks that are whole

@@ -133,15 +133,27 @@ def sampled_shapes(manifest: Manifest) -> list[SampledShape]:
 
 
 def dataset_identity(manifest: Manifest) -> dict[str, Any]:
-    """What tells one dataset from another, as JSON values; equal frames have equal identities anywhere."""
-    checksums = "".join(chunk.sha256 for chunk in manifest.chunks)
+    """What tells one dataset from another, as JSON values: what it was made from, and how many frames remain.
+
+    Not the checksums of its files: those change with the processor and the libraries that made them.
+    """
+    camera = TypeAdapter(Camera).dump_python(manifest.camera, mode="json")
+    made = {
+        "seed": manifest.seed,
+        "config": manifest.config,
+        "camera": camera,
+        "load_limit": manifest.load_limit,
+        "shapes": manifest.shapes,
+        "frames": manifest.frames,
+        "dropped": manifest.dropped,
+    }
     return {
         "format": manifest.format,
-        "sha256": hashlib.sha256(checksums.encode()).hexdigest(),
+        "sha256": hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest(),
         "seed": manifest.seed,
         "frames": manifest.frames,
         "shapes": len(manifest.shapes),
-        "camera": TypeAdapter(Camera).dump_python(manifest.camera, mode="json"),
+        "camera": camera,
     }
 
 
