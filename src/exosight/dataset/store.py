@@ -35,8 +35,8 @@ def write_chunk(folder: Path, index: int, frames: Frames, variation: Columns | N
     index      number of the chunk in the dataset, 0, 1, 2 …
     variation  what was drawn for each frame
 
-    Equal frames give an equal file, byte for byte, with the same libraries. Any number of processes may write chunks; a chunk that is
-    there, damaged or not, is replaced as a whole.
+    With the same libraries, equal frames give an equal file, byte for byte. Any number of processes may write
+    chunks; a chunk that is there, damaged or not, is replaced as a whole.
 
     Raises InputError if the frames are none or unfit for use, DataError if the dataset is complete or the
     file cannot be written.
