@@ -20,6 +20,10 @@ from typing import Literal, cast
 
 import torch
 import torch.distributed as dist
+
+# Before there is a group: functions in it keep the one that is there at its first import as a default. The
+# first optimiser imports it, and the group's threads then outlived the group, into Python's end (an abort).
+import torch.distributed.nn
 from torch import Tensor, nn
 from torch.distributed.distributed_c10d import Store
 from torch.distributed.rendezvous import rendezvous
