@@ -57,6 +57,10 @@ def test_light_network_learns_64_images_by_heart(tmp_path: Path, blobs: Samples,
     varying = [0, 1, 2, 3, 4, 6]
     assert (error[varying] < 0.25 * blobs.forces[:64, varying].std(axis=0)).all()
     assert error[5] < 1e-3
+    # Both curves are of the forces alone: the further answers' share falls below zero as they are learned.
+    last = read_history(tmp_path / "run")[-1]
+    assert last.validation_loss is not None
+    assert 0 < last.train_loss < 0.3 * read_history(tmp_path / "run")[0].train_loss
 
 
 @pytest.mark.parametrize("step", [1, 12, 13, 15])
@@ -246,8 +250,8 @@ def test_refused_frames_leave_no_folder(
 def test_a_loss_that_is_not_finite_ends_the_run_and_keeps_its_checkpoint(
     tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity, monkeypatch: pytest.MonkeyPatch
 ):
-    losses = iter([1.0] * 6)
-    monkeypatch.setattr(training, "_step", lambda *_: next(losses, float("nan")))
+    losses = iter([(1.0, 1.0)] * 6)
+    monkeypatch.setattr(training, "_step", lambda *_: next(losses, (float("nan"), 1.0)))
     with pytest.raises(InputError, match=r"loss is nan in epoch 2: training has diverged.*below 0\.003"):
         run(small, blobs, tmp_path / "run", identity)
     assert load_checkpoint(tmp_path / "run").position.epoch == 1

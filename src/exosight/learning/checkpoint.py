@@ -68,7 +68,7 @@ class Position:
     step: int = 0
     """steps since the start"""
     loss_sum: float = 0.0
-    """sum of the losses of the epoch's images so far"""
+    """sum of the force losses of the epoch's images so far"""
     seconds: float = 0.0
     """time spent training [s]"""
     best_epoch: int = 0

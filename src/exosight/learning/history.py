@@ -24,7 +24,7 @@ class EpochRecord:
     learning_rate: float
     """of the epoch's last step"""
     train_loss: float
-    """the recipe's loss [-], mean over the epoch while the weights moved"""
+    """the recipe's loss of the forces [-], mean over the epoch while the weights moved"""
     validation_loss: float | None
     """the same measure on the validation part [-]"""
     validation_l1: float | None

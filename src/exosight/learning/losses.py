@@ -21,18 +21,18 @@ def training_loss(
     truth: Float[Tensor, "batch 7"],
     auxiliary: Float[Tensor, "batch auxiliary"],
     corner: float,
-) -> Tensor:
-    """The force loss, plus a share of the others where the network gives such answers.
+) -> tuple[Tensor, Tensor]:
+    """What training makes small, and the force loss alone: they differ where the network answers more.
 
     Spread: −log of a Laplace density, log b + |e|/b, for the errors as they are. Contact: cross entropy.
     """
-    loss = force_loss(found.forces, truth, corner)
+    forces = force_loss(found.forces, truth, corner)
     if found.log_spread is None or found.contact is None:
-        return loss
+        return forces, forces
     error = (found.forces - truth).detach().abs()
     spread = (error * torch.exp(-found.log_spread) + found.log_spread).mean()
     contact = nn.functional.binary_cross_entropy_with_logits(found.contact, (truth > 0).to(truth.dtype))
-    loss = loss + SPREAD * spread + CONTACT * contact
+    loss = forces + SPREAD * spread + CONTACT * contact
     if auxiliary.shape[1]:
         loss = loss + AUXILIARY * nn.functional.smooth_l1_loss(found.auxiliary, auxiliary)
-    return loss
+    return loss, forces

@@ -249,14 +249,14 @@ def _run_steps(run: Run, frames: Shown, started: float, progress: Callable[[Prog
             images = augment(images, settings.seed, epoch, run.position.batch, run.team.rank)
         u = None if frames.u is None else frames.u[mine]
         part = len(mine) / len(chosen)
-        loss = _step(run, images, u, frames.forces[mine], frames.auxiliary[mine], rate, part)
+        loss, forces = _step(run, images, u, frames.forces[mine], frames.auxiliary[mine], rate, part)
         _require_finite(loss, "loss", epoch, settings)
         now = time.perf_counter()
         run.position = replace(
             run.position,
             batch=run.position.batch + 1,
             step=run.position.step + 1,
-            loss_sum=run.position.loss_sum + loss * len(chosen),
+            loss_sum=run.position.loss_sum + forces * len(chosen),
             seconds=now - started,
         )
         if now - saved >= CHECKPOINT_SECONDS:
@@ -275,8 +275,11 @@ def _step(
     auxiliary: Float32[np.ndarray, "batch auxiliary"],
     rate: float,
     part: float,
-) -> float:
-    """Take one step on the recipe's loss, of which these images are a part; returns the loss before it."""
+) -> tuple[float, float]:
+    """Take one step on the recipe's loss, of which these images are a part.
+
+    returns  the loss before it, and the force loss alone
+    """
     settings = run.identity.settings
     for group in run.optimizer.param_groups:
         group["lr"] = rate
@@ -285,15 +288,16 @@ def _step(
     low = settings.precision == "bfloat16"
     with torch.autocast(settings.device, torch.bfloat16, enabled=low):
         output = run.network(*_tensors(images, u, settings.device))
-    loss = part * training_loss(
+    losses = training_loss(
         answers(output.float()),
         torch.from_numpy(forces).to(settings.device) / run.scale,
         torch.from_numpy(auxiliary).to(settings.device) / run.auxiliary_scale,
         run.recipe.loss_corner,
     )
+    loss, told = (part * each for each in losses)
     loss.backward()
     gradients = (weight.grad for weight in run.network.parameters() if weight.grad is not None)
-    add_up(run.team, [loss, *gradients])
+    add_up(run.team, [loss, told, *gradients])
     run.optimizer.step()
     # The average forgets fast at first, when there is little worth remembering.
     steps = run.position.step
@@ -305,7 +309,7 @@ def _step(
                 average.lerp_(tensor, 1 - memory)
             else:
                 average.copy_(tensor)
-    return loss.item()
+    return loss.item(), told.item()
 
 
 def _validate(run: Run, samples: Samples) -> tuple[float, float]:
