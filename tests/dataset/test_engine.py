@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from exosight.dataset import engine
-from exosight.dataset.engine import on_cluster
+from exosight.dataset.engine import LOCAL_CLUSTER, on_cluster
 from exosight.errors import DataError, InputError
 
 dask = pytest.importorskip("dask")
@@ -18,11 +18,9 @@ distributed = pytest.importorskip("distributed")
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """The address of a running cluster of two processes that gives up a task at its first dead worker."""
-    options = {"threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
-    options["scheduler_kwargs"] = {"dashboard_address": "127.0.0.1:0"}
     with (
         dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-        distributed.LocalCluster(n_workers=2, **options) as cluster,
+        distributed.LocalCluster(n_workers=2, silence_logs=50, **LOCAL_CLUSTER) as cluster,
     ):
         yield cluster.scheduler_address
 

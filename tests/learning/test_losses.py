@@ -3,11 +3,10 @@
 import math
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch")
-
-from exosight.learning.losses import AUXILIARY, CONTACT, SPREAD, force_loss, training_loss  # noqa: E402
-from exosight.learning.networks import Answers  # noqa: E402
+from exosight.learning.losses import AUXILIARY, CONTACT, SPREAD, force_loss, training_loss
+from exosight.learning.networks import Answers
 
 TRUTH = torch.full((3, 7), 2.0)
 NOTHING = torch.zeros(3, 0)

@@ -14,6 +14,14 @@ Result = TypeVar("Result")
 CONNECT_SECONDS = 10
 """How long a scheduler may take to answer."""
 
+LOCAL_CLUSTER = {
+    "threads_per_worker": 1,
+    "dashboard_address": None,
+    # Dask serves its state even so: at its usual port two jobs on a machine would meet.
+    "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
+}
+"""Options of every cluster of processes on one machine."""
+
 
 def on_cluster(
     task: Callable[[int], Result], numbers: Sequence[int], workers: int, scheduler: str | None = None
@@ -54,15 +62,8 @@ def on_cluster(
 def _client(distributed: Any, workers: int, scheduler: str | None) -> Iterator[Any]:
     if scheduler is None:
         # Without a limit of memory: Dask's default would stop a worker that needs more than an equal share.
-        # Its pages at any free port: at Dask's usual one, two jobs on a machine would meet.
-        options = {
-            "threads_per_worker": 1,
-            "memory_limit": None,
-            "dashboard_address": None,
-            "scheduler_kwargs": {"dashboard_address": "127.0.0.1:0"},
-        }
         with (
-            distributed.LocalCluster(n_workers=workers, **options) as cluster,
+            distributed.LocalCluster(n_workers=workers, memory_limit=None, **LOCAL_CLUSTER) as cluster,
             distributed.Client(cluster) as client,
         ):
             yield client

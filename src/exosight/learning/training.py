@@ -309,7 +309,8 @@ def _step(
                 average.lerp_(tensor, 1 - memory)
             else:
                 average.copy_(tensor)
-    return loss.item(), told.item()
+    whole, of_forces = torch.stack([loss, told]).tolist()
+    return whole, of_forces
 
 
 def _validate(run: Run, samples: Samples) -> tuple[float, float]:
