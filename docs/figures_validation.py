@@ -27,7 +27,7 @@ from exosight.evaluation.figures.style import (
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGES = HERE / "validation.md", HERE / "results", HERE / "images"
-NAMES = ("convergence", "neighbours", "sorosim")
+NAMES = ("convergence", "neighbours", "processor", "sorosim")
 
 PROBLEMS = {
     "cantilever": "error of the tip / length [-]",
@@ -164,6 +164,7 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                 )
             ],
         ),
+        "processor": table_of(["of the two datasets", ""], _processor(found["processor"])),
         "sorosim": table_of(["case", "allowed", "found"], _sorosim(found["sorosim"])),
         "basis": table_of(
             ["basis", "coordinates", "error of the tip / length", "order in the elements"],
@@ -231,6 +232,20 @@ def _sorosim(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
             key = name, row["tolerance"]
             largest[key] = max(largest.get(key, 0.0), row["difference"])
     return [[name, _power(allowed), _power(value)] for (name, allowed), value in largest.items()]
+
+
+def _processor(found: dict[str, Any]) -> list[list[str]]:
+    """The comparison as benchmarks/processor.py wrote it; of the frames, how many each keeps."""
+    kept = " and ".join(str(frames) for frames in found["frames"])
+    same = "the same" if found["same shape, u and direction"] else "others"
+    return [
+        ["frames kept", f"{kept}: {same}"],
+        ["pictures that differ", str(found["pictures that differ"])],
+        ["largest difference of a force [N]", _power(found["largest difference of a force [N]"])],
+        ["largest difference of a coordinate [-]", _power(found["largest difference of a coordinate"])],
+        ["files of the same checksum", f"{found['chunks of the same checksum']} of {found['chunks']}"],
+        ["the same identity", "yes" if found["same identity"] else "no"],
+    ]
 
 
 def _iterations(found: dict[str, Any]) -> str:
