@@ -21,7 +21,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from exosight.app.bench import cpu_name
-from exosight.control import CONTROL_SHAPE, Guarded, Scheduled, Sight
+from exosight.control import CONTROL_SHAPE, Guarded, Measurement, Scheduled
 from exosight.control.estimator import Reading
 from exosight.control.tuning import tune
 from exosight.environment.envs import GripVectorEnv
@@ -116,7 +116,7 @@ def learn(steps: int) -> tuple[Policy, float]:
 
 
 def controller(grips: int) -> Policy:
-    """The scheduled law behind its guard, one for each grip; its first sight is of rest."""
+    """The scheduled law behind its guard, one for each grip; its first measurement is of rest."""
     config = tune(Exosuit(CONTROL_SHAPE))
     own = [Guarded(Scheduled(config)) for _ in range(grips)]
 
@@ -125,7 +125,7 @@ def controller(grips: int) -> Policy:
         for i, guarded in enumerate(own):
             target, u, forces = float(states[i, 0]), float(states[i, 1]), states[i : i + 1, 2:]
             sure = Reading(forces, forces, forces, (forces > 0).astype(np.float32), np.zeros(1, np.float32))
-            wanted = guarded.step(target, Sight(pictures[i, :, :, 0], sure, u=u))
+            wanted = guarded.step(target, Measurement(pictures[i, :, :, 0], sure, u=u))
             actions[i] = (wanted - u) / config.step
         return actions
 

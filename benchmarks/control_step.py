@@ -17,11 +17,11 @@ from exosight.app.pipeline import camera_of
 from exosight.control import CONTROL_SHAPE, Guarded, OnnxEstimator, Scheduled
 from exosight.control.estimator import DEFAULT_MODEL
 from exosight.control.realtime import Clock, Step, run_live, timings
-from exosight.control.rig import SimulatedRig
 from exosight.control.simulated import SimulatedPlant
+from exosight.control.simulated_device import SimulatedDevice
 from exosight.control.tuning import tune
+from exosight.cpu import cores
 from exosight.exosuit.assembly import Exosuit
-from exosight.machine import cores
 
 RATE = 60.0
 """[Hz]"""
@@ -42,8 +42,8 @@ def run(now: Callable[[], float] = perf_counter) -> dict[str, Any]:
     at_once = Clock(now, sleep=lambda seconds: None)
     steps: list[Step] = []
     for record in (lambda step: None, steps.append):  # the first time, code is compiled
-        rig = SimulatedRig(SimulatedPlant(exosuit, camera_of(network.card)), at_once)
-        run_live(rig, network.read, guarded, rig, target.tolist(), record, at_once)
+        device = SimulatedDevice(SimulatedPlant(exosuit, camera_of(network.card)), at_once)
+        run_live(device, network.read, guarded, device, target.tolist(), record, at_once)
     moves = np.diff([step.u for step in steps], prepend=0.0) != 0
     seconds = np.array([step.seconds for step in steps])[moves]
     found: dict[str, Any] = {

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from exosight.app.bench import cpu_name
+from exosight.cpu import cores
 from exosight.environment.envs import GripVectorEnv
-from exosight.machine import cores
 
 GRIPS, STEPS, REPEATS = 64, 15, 2
 

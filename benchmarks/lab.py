@@ -23,7 +23,7 @@ import numpy as np
 from playwright.sync_api import Page, sync_playwright
 
 from exosight.app.bench import cpu_name
-from exosight.machine import cores
+from exosight.cpu import cores
 
 PORT = 8799
 URL = f"http://127.0.0.1:{PORT}"

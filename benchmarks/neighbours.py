@@ -21,7 +21,7 @@ from rich.progress import track
 from benchmarks import motion, rest
 from benchmarks.planar import LENGTH, PRESS, TIP_FORCE, at_rest
 from exosight.app.bench import cpu_name
-from exosight.machine import cores
+from exosight.cpu import cores
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "neighbours.json"
 REPEATS = 3
@@ -29,7 +29,7 @@ PACKAGES = ("exosight", "pyelastica", "soromox", "diffrax", "jax", "numba", "num
 
 
 @dataclass(frozen=True)
-class Run:
+class Case:
     """One program at one setting: the work, and the error of what it returns."""
 
     problem: str
@@ -55,7 +55,7 @@ class Row:
     first_seconds: float
 
 
-def cantilevers() -> list[Run]:
+def cantilevers() -> list[Case]:
     """Distance of the tip from that of the program's own differential equation, over the length."""
     ours, theirs = at_rest(TIP_FORCE).tip, at_rest(TIP_FORCE, thins=True).tip
 
@@ -65,17 +65,17 @@ def cantilevers() -> list[Run]:
     name = "cantilever"
     return [
         *(
-            Run(name, "exosight", f"{n} element{'s' * (n > 1)}", rest.Exosight(n, False), off(ours))
+            Case(name, "exosight", f"{n} element{'s' * (n > 1)}", rest.Exosight(n, False), off(ours))
             for n in (1, 2, 5, 10)
         ),
         *(
-            Run(name, "PyElastica", f"{n} elements", rest.PyElastica(n, False), off(theirs))
+            Case(name, "PyElastica", f"{n} elements", rest.PyElastica(n, False), off(theirs))
             for n in (10, 20, 40, 80)
         ),
     ]
 
 
-def contacts() -> list[Run]:
+def contacts() -> list[Case]:
     """Force on the sphere against that of the program's own differential equation, relative."""
     ours = at_rest(-PRESS, sphere=True).push
     theirs = at_rest(-PRESS, sphere=True, slides=True, thins=True).push
@@ -85,16 +85,16 @@ def contacts() -> list[Run]:
 
     name = "contact"
     return [
-        *(Run(name, "exosight", f"{n} elements", rest.Exosight(n, True), off(ours)) for n in (3, 6, 12)),
+        *(Case(name, "exosight", f"{n} elements", rest.Exosight(n, True), off(ours)) for n in (3, 6, 12)),
         *(
-            Run(name, "PyElastica", f"{n} elements", rest.PyElastica(n, True), off(theirs))
+            Case(name, "PyElastica", f"{n} elements", rest.PyElastica(n, True), off(theirs))
             for n in (11, 20, 41, 80)
         ),
-        Run(name, "PyElastica", "22 elements, sphere off a middle", rest.PyElastica(22, True), off(theirs)),
+        Case(name, "PyElastica", "22 elements, sphere off a middle", rest.PyElastica(22, True), off(theirs)),
     ]
 
 
-def motions(name: str, case: motion.Case, steps: Sequence[float], finest: float) -> list[Run]:
+def motions(name: str, case: motion.Case, steps: Sequence[float], finest: float) -> list[Case]:
     """Largest difference in any coordinate from SoRoMoX's finest run, over the largest coordinate."""
     exact = motion.their_rollout(case, finest)()
 
@@ -103,17 +103,17 @@ def motions(name: str, case: motion.Case, steps: Sequence[float], finest: float)
 
     return [
         *(
-            Run(name, "exosight", f"tolerance {tol:.0e} m", motion.Exosight(case, tol), off)
+            Case(name, "exosight", f"tolerance {tol:.0e} m", motion.Exosight(case, tol), off)
             for tol in (1e-6, 1e-8, 1e-10)
         ),
         *(
-            Run(name, "SoRoMoX", f"step {1e3 * step:g} ms", motion.their_rollout(case, step), off)
+            Case(name, "SoRoMoX", f"step {1e3 * step:g} ms", motion.their_rollout(case, step), off)
             for step in steps
         ),
     ]
 
 
-def timed(runs: Sequence[Run]) -> list[Row]:
+def timed(runs: Sequence[Case]) -> list[Row]:
     """Every run once to compile, then all of them in turn, three times over."""
     first, errors = [], []
     times: list[list[tuple[float, float]]] = [[] for _ in runs]

@@ -4,7 +4,7 @@
 
 Every third exosuit of the network's own test part of DATA is worn and seen anew, one thing changed at a time,
 evenly between the limits below. Beside the errors: whether intervals that promise 90 % still hold so much,
-how many frames the score for unlike pictures turns away, and the errors on the others.
+how many frames the OOD score turns away, and the errors on the others.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Frames, concatenate
 from exosight.dataset.manifest import sampled_shapes
-from exosight.dataset.simulation import simulate
+from exosight.dataset.simulation import simulate_shapes
 from exosight.evaluation import evaluate_intervals, score
 from exosight.exosuit.scenarios import SampledShape
 from exosight.exosuit.variation import PlantVariation
@@ -70,7 +70,9 @@ def changed(config: GenerateConfig, shift: Variation) -> GenerateConfig:
 
 def seen(config: GenerateConfig, shapes: list[SampledShape]) -> Frames:
     """The frames of some shapes."""
-    return concatenate([simulate(config, shapes[i : i + GROUP])[0] for i in range(0, len(shapes), GROUP)])
+    return concatenate(
+        [simulate_shapes(config, shapes[i : i + GROUP])[0] for i in range(0, len(shapes), GROUP)]
+    )
 
 
 def judge(estimator: OnnxEstimator, frames: Frames) -> dict[str, Any]:
@@ -78,7 +80,7 @@ def judge(estimator: OnnxEstimator, frames: Frames) -> dict[str, Any]:
     reading = estimator.read(frames.images, PROMISED)
     found = score(frames.forces, reading.forces)
     inside = evaluate_intervals(frames.forces, reading.forces, {PROMISED: (reading.low, reading.high)})
-    trusted = reading.unlike <= 1
+    trusted = reading.ood_score <= 1
     of_trusted = score(frames.forces[trusted], reading.forces[trusted]) if trusted.sum() > 1 else None
     return {
         "frames": len(frames),

@@ -6,9 +6,9 @@ DATA is `exosight generate --per-scenario 125`; each NAME.json but the last is
 shape              nothing: --model src/exosight/models/light.onnx
 frame              exosight train --data DATA --out results/frame --protocol frame --recipe clean --epochs 80
 paper              … --protocol frame --network paper --epochs 2
-without_FAMILY     … --more SEED1 SEED2 SEED3 --epochs 2 --protocol family --held-out FAMILY
+without_FAMILY     … --extra-data SEED1 SEED2 SEED3 --epochs 2 --protocol family --held-out FAMILY
 seed_N             … --epochs 9 --seed N --split-seed N
-long_N             … --more SEED1 SEED2 SEED3 --epochs 6 --seed N --split-seed N
+long_N             … --extra-data SEED1 SEED2 SEED3 --epochs 6 --seed N --split-seed N
 shifts             python -m benchmarks.shifts DATA
 adapted_NAME       see benchmarks/adapted.py
 """
@@ -210,7 +210,7 @@ def _shifts(told: Found, first: str = "what differs") -> str:
         "RMS% of range",
         "RMSE of F_net [mN]",
         "inside 90 % intervals [%]",
-        "flagged as unlike [%]",
+        "flagged as OOD [%]",
         "RMSE of F_net on the others [mN]",
     )
     return table_of(heads, rows)

@@ -32,13 +32,13 @@ from exosight.control import (
     hold,
     hold_and_release,
     judge_response,
+    measurement_from,
     run,
     run_guarded,
-    sight_from,
     true_force,
-    true_sight,
+    true_measurement,
 )
-from exosight.control.calibration import calibrate
+from exosight.control.calibration import calibrate_estimator
 from exosight.control.estimator import DEFAULT_MODEL
 from exosight.control.scheduled import RELEASED
 from exosight.control.simulated import SimulatedPlant
@@ -92,7 +92,7 @@ def measure() -> dict[str, Any]:
     stiffer = SimulatedPlant(replace(exosuit, young=STIFFER * exosuit.young), camera)
     constants = {f"{force:.2f} N": hold(force, STEADY_STATE_STEPS) for force in STEADY_STATE_TARGETS}
     step = hold_and_release(STEP_TARGET, round(STEP_SECONDS * 10))
-    own = calibrate(estimator, exosuit, config, camera)
+    own = calibrate_estimator(estimator, exosuit, config, camera)
 
     def paper(measured: Measure) -> dict[str, Any]:
         law = Proportional(STEADY_STATE_GAIN)
@@ -114,9 +114,9 @@ def measure() -> dict[str, Any]:
             LAW_OWN: paper(from_image(own)),
             OPEN: without(plant, constants),
             OPEN_WRONG: without(stiffer, constants),
-            OURS: ours(true_sight, constants),
-            OURS_IMAGE: ours(sight_from(estimator), constants),
-            OURS_OWN: ours(sight_from(own), constants),
+            OURS: ours(true_measurement, constants),
+            OURS_IMAGE: ours(measurement_from(estimator), constants),
+            OURS_OWN: ours(measurement_from(own), constants),
         },
         "step": {
             LAW: gains(true_force),
@@ -124,9 +124,9 @@ def measure() -> dict[str, Any]:
             LAW_OWN: gains(from_image(own)),
             OPEN: without(plant, {"": step}),
             OPEN_WRONG: without(stiffer, {"": step}),
-            OURS: ours(true_sight, {"": step}),
-            OURS_IMAGE: ours(sight_from(estimator), {"": step}),
-            OURS_OWN: ours(sight_from(own), {"": step}),
+            OURS: ours(true_measurement, {"": step}),
+            OURS_IMAGE: ours(measurement_from(estimator), {"": step}),
+            OURS_OWN: ours(measurement_from(own), {"": step}),
         },
         "jumps": {"up": _jumps(config.loading), "down": _jumps(config.unloading)},
     }

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from playwright.sync_api import sync_playwright
 
-from exosight.lab.door import LOOPBACK
+from exosight.lab.security import LOOPBACK
 from exosight.lab.server import application, listen, server_of
 from exosight.lab.settings import View
 

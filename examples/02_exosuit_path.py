@@ -24,7 +24,7 @@ from exosight.exosuit.shapes import ExosuitShape, Linear, radius
 from exosight.mechanics import follow, stack
 
 BLUE, ORANGE, BLACK = "#0072B2", "#E69F00", "#000000"
-CONTACTS = ["#000000", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#E69F00"]
+CONTACT_COLOURS = ["#000000", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#E69F00"]
 """C1…C7, in colours that readers of every kind of colour vision tell apart."""
 CM = 100.0
 
@@ -69,7 +69,7 @@ def main(folder: Path = Path("results/02_exosuit_path")) -> float:
     panels[0].set_ylabel("z [cm]")
 
     contacts, net = below.subplots(1, 2)
-    for i, color in enumerate(CONTACTS, start=1):
+    for i, color in enumerate(CONTACT_COLOURS, start=1):
         if pose.forces[: len(up), i].max() > 0:
             contacts.plot(up, pose.forces[: len(up), i], color=color, label=f"C{i}")
     contacts.set(xlabel="actuation u [N]", ylabel="contact force [N]")

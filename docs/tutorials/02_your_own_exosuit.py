@@ -108,8 +108,8 @@ for young in (200e3, 300e3, 600e3):
 # Can the shipped network read it?
 # --------------------------------
 #
-# It was trained on the five families, and a waist as deep as this one is none of them. The score for unlike
-# pictures says whether to believe it: above 1, do not. Here it may be believed.
+# It was trained on the five families, and a waist as deep as this one is none of them. The OOD score
+# says whether to believe it: above 1, do not. Here it may be believed.
 
 from exosight.control import OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL
@@ -118,8 +118,8 @@ network = OnnxEstimator.load(DEFAULT_MODEL)
 reading = network.read(images)
 for i, name in enumerate(SHAPES):
     true = float(found[name].pose.net_force[15])
-    said, unlike = reading.forces[i].sum(), reading.unlike[i]
-    print(f"{name}: true {true:.3f} N, estimated {said:.3f} N, unlike {unlike:.2f}")
+    said, ood_score = reading.forces[i].sum(), reading.ood_score[i]
+    print(f"{name}: true {true:.3f} N, estimated {said:.3f} N, OOD score {ood_score:.2f}")
 
 # %%
 # On the command line, for the five families: ``exosight simulate --family sine --r0 0.007 --a -9 --length

@@ -65,7 +65,7 @@ seen = pose_strip(images, list(FINGERS))
 #
 # The shipped network has learned from the published finger alone. A finger of half the stiffness looks
 # possible to it, and it answers the force that the published finger would have needed for that pose: about
-# twice too much. The score for unlike pictures does not warn, because nothing in the picture is odd. **No
+# twice too much. The OOD score does not warn, because nothing in the picture is odd. **No
 # silhouette shows a stiffness**: whoever needs newtons has to measure one (:doc:`/identifiability`).
 
 from exosight.control import OnnxEstimator
@@ -75,7 +75,7 @@ reading = OnnxEstimator.load(DEFAULT_MODEL).read(images)
 for i, (name, pose) in enumerate(poses.items()):
     print(
         f"{name:14s} true {float(pose.net_force[0]):.3f} N, estimated {reading.forces[i].sum():.3f} N, "
-        f"unlike {reading.unlike[i]:.2f}"
+        f"OOD score {reading.ood_score[i]:.2f}"
     )
 
 # %%

@@ -18,15 +18,15 @@ from matplotlib.figure import Figure
 from exosight.control import (
     CONTROL_SHAPE,
     Guarded,
+    Measurement,
     OnnxEstimator,
     Proportional,
     Scheduled,
-    Sight,
     hold,
     hold_and_release,
+    measurement_from,
     run,
     run_guarded,
-    sight_from,
     true_force,
 )
 from exosight.control.estimator import DEFAULT_MODEL
@@ -61,7 +61,7 @@ print(f"u stays within {config.unloading.u[-1]:.1f}…{config.loading.u[-1]:.2f}
 
 network = OnnxEstimator.load(DEFAULT_MODEL)
 guarded = Guarded(Scheduled(config))
-record = run_guarded(plant, guarded, sight_from(network), hold_and_release(0.25, 15))
+record = run_guarded(plant, guarded, measurement_from(network), hold_and_release(0.25, 15))
 print(f"F_net held: true {record.F_net_true[14]:.3f} N, after the release {record.F_net_true[-1]:.3f} N")
 print(f"changes of state: {len(guarded.log)}")
 
@@ -71,11 +71,11 @@ print(f"changes of state: {len(guarded.log)}")
 #
 # From step 10 on no frame comes. The guard holds, and then lets go, blindly, within a second.
 
-see, steps = sight_from(network), iter(range(1000))
+see, steps = measurement_from(network), iter(range(1000))
 
 
 def failing(observation):
-    return see(observation) if next(steps) < 10 else Sight(u=observation.u)
+    return see(observation) if next(steps) < 10 else Measurement(u=observation.u)
 
 
 failed = run_guarded(plant, guarded, failing, hold(0.25, 25))

@@ -13,8 +13,8 @@ from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.mechanics import follow, stack
 from exosight.vision.camera import Camera
+from exosight.vision.ood_images import draw_ood_images
 from exosight.vision.scene import picture
-from exosight.vision.unlike import unlike_images
 
 SHAPE = ExosuitShape(Linear(r0=0.01, r1=0.005), length=0.095)
 """The controller's: no frame of it was learned from."""
@@ -36,7 +36,7 @@ def test_forces_of_an_unseen_exosuit_are_near_the_true_ones(frames: tuple[np.nda
     error = read.forces - np.asarray(pose.forces)[:, 1:]
     # Its card states 0.006 N RMSE over many exosuits; for a single one, several times that.
     assert np.sqrt(np.mean(error**2)) < 0.03
-    assert np.all(read.unlike < 1)
+    assert np.all(read.ood_score < 1)
 
 
 def test_the_command_tells_what_the_estimator_reads(
@@ -62,7 +62,7 @@ def test_a_picture_of_something_else_is_not_trusted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "text.png"
-    cv2.imwrite(str(path), unlike_images("text", 1, 0)[0])
+    cv2.imwrite(str(path), draw_ood_images("text", 1, 0)[0])
     main(["estimate", str(path)])
     shown = capsys.readouterr()
     assert "do not trust these: the picture is unlike those learned from" in shown.out + shown.err

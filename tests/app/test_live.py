@@ -17,7 +17,7 @@ from exosight.control import ControllerConfig, ForcePath, sources, tuning
 from exosight.control.realtime import Step
 from exosight.control.recording import read_recording
 from exosight.control.sources import Frame
-from exosight.vision.unlike import unlike_images
+from exosight.vision.ood_images import draw_ood_images
 
 
 def straight(exosuit: object, contact_limit: float, rate: float, period: float) -> ControllerConfig:
@@ -41,7 +41,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Thirty pictures that no network has learned from."""
     place = tmp_path_factory.mktemp("pictures")
-    for i, image in enumerate(unlike_images("text", 30, 0)):
+    for i, image in enumerate(draw_ood_images("text", 30, 0)):
         cv2.imwrite(str(place / f"{i:02d}.png"), image)
     return place
 
@@ -83,7 +83,7 @@ def test_pictures_that_are_not_trusted_move_nothing(folder: Path, capfd: pytest.
     lines = [float(line) for line in shown.out.splitlines()]
     assert len(lines) == 22  # one before, one a step, one at the end
     assert set(lines) == {0.0}
-    assert "an image unlike those learned from" in " ".join(shown.err.split())
+    assert "an out-of-distribution image" in " ".join(shown.err.split())
 
 
 def test_a_folder_that_ends_ends_the_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -158,7 +158,7 @@ def test_a_recording_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFi
 
 def test_the_code_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With three pictures for a camera, and a controller that need not be tuned."""
-    shown = [Frame(image, time.monotonic()) for image in unlike_images("text", 3, 0)]
+    shown = [Frame(image, time.monotonic()) for image in draw_ood_images("text", 3, 0)]
     monkeypatch.setattr(sources, "camera", lambda number, width, height: iter(shown))
     monkeypatch.setattr(tuning, "tune", lambda exosuit: straight(exosuit, 0.5, 10.0, 0.1))
     monkeypatch.chdir(tmp_path)

@@ -22,7 +22,7 @@ from exosight.app.pipeline import test_part as part_to_judge
 from exosight.control.estimator import OnnxEstimator
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.learning.model_file import sealed
-from exosight.vision import UNLIKE
+from exosight.vision import OOD_KINDS
 from exosight.vision.camera import Camera
 
 Refused = Callable[..., str]
@@ -336,8 +336,8 @@ def test_too_few_shapes_for_a_split_are_refused(
             "varies in the dataset (nothing does), got",
         ),
         (
-            "--protocol variation --held-out plant.young --fresh 1",
-            "--fresh: expected 0 or more shapes, and not",
+            "--protocol variation --held-out plant.young --online-shapes 1",
+            "--online-shapes: expected 0 or more shapes, and not",
         ),
     ],
 )
@@ -395,7 +395,7 @@ def test_a_network_goes_on_from_another_and_says_so(
     own = run_folder / "model.onnx"
     words = ["--epochs", "1", "--threads", "1", "--pretrained", str(own)]
     other = make_dataset(tmp_path / "other", shapes=sample_shapes(1, seed=5), seed=2)
-    wider = ["--more", str(data)]
+    wider = ["--extra-data", str(data)]
     main(["train", "--data", str(other), "--out", str(tmp_path / "wider"), *words, *wider])
     found = OnnxEstimator.load(tmp_path / "wider" / "model.onnx")
     assert found.card.training["pretrained"] == sealed(own.read_bytes())
@@ -492,7 +492,7 @@ def test_evaluation_keeps_stdout_for_json_and_its_folder_for_everything(
     assert len(answer["robustness"]) == len(answer["shifts"]) == 6
     assert len(answer["intervals"]) == 7 * 5
     # No clean picture of the plant is among the made-up ones: the held-out cases are not for them.
-    assert [row["images"] for row in answer["unlike"]] == list(UNLIKE)
+    assert [row["images"] for row in answer["ood"]] == list(OOD_KINDS)
     assert len(answer["baselines"]) == 4
     assert answer["baselines"][0]["RMSE exosight [N]"] == answer["robustness"][0]["RMSE exosight [N]"]
     assert "wrote" in shown.err

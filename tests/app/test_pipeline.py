@@ -125,14 +125,14 @@ def test_the_network_remembers_all_its_datasets(
         for seed in (2, 3)
     )
     alone, both = identity(first, split), identity(first, split, [second.manifest])
-    assert (alone["more"], alone["more_seeds"]) == ("", "")
-    assert (both["more"], both["more_seeds"]) == (identity(second, split)["sha256"], "2")
+    assert (alone["extra_data"], alone["extra_data_seeds"]) == ("", "")
+    assert (both["extra_data"], both["extra_data_seeds"]) == (identity(second, split)["sha256"], "2")
     further = identity(third, split, start=made_up(32, 32, data=both))
-    assert further["more"] == f"{hash_of(first)}, {hash_of(second)}"
-    assert further["more_seeds"] == "0, 2"
+    assert further["extra_data"] == f"{hash_of(first)}, {hash_of(second)}"
+    assert further["extra_data_seeds"] == "0, 2"
     again = identity(first, split, start=made_up(32, 32, data=further))
-    assert again["more"] == f"{hash_of(third)}, {hash_of(second)}"
-    assert again["more_seeds"] == "3, 2"
+    assert again["extra_data"] == f"{hash_of(third)}, {hash_of(second)}"
+    assert again["extra_data_seeds"] == "3, 2"
 
 
 def test_shipped_network_knows_its_dataset_wherever_it_is_made() -> None:
@@ -165,12 +165,12 @@ def test_every_epoch_may_bring_exosuits_never_seen(
 
     monkeypatch.setattr(pipeline, "stream", stream)
     config = TrainConfig(epochs=2, batch=8, threads=1)
-    fit(first, make_split(first.frames, "shape", 0), config, tmp_path / "run", fresh=3, resume=False)
+    fit(first, make_split(first.frames, "shape", 0), config, tmp_path / "run", online_shapes=3, resume=False)
     manifest = first.manifest
     known = TypeAdapter(GenerateConfig).validate_python(manifest.config)
     assert asked["config"] == replace(known, per_scenario=3)
     assert asked["exclude"] == [s.shape for s in sampled_shapes(manifest)]
     assert asked["start"] == 0
     assert (tmp_path / "run" / "model.onnx").exists()
-    with pytest.raises(InputError, match="its fresh is 3, asked for is 0"):
+    with pytest.raises(InputError, match="its online_shapes is 3, asked for is 0"):
         fit(first, make_split(first.frames, "shape", 0), config, tmp_path / "run", resume=True)

@@ -211,7 +211,7 @@ def test_configuration_survives_its_file(tmp_path: Path) -> None:
         (lambda c: c.pop("runs"), "runs: Field required"),
         (lambda c: c["runs"].clear(), "runs: Tuple should have at least 1 item"),
         (lambda c: c["runs"].append(c["runs"][0]), "another network or another protocol for each run"),
-        (lambda c: c["runs"][0]["training"].update(past=1), "networks that read one image"),
+        (lambda c: c["runs"][0]["training"].update(history=1), "networks that read one image"),
         (lambda c: c["data"].update(per_scenario=0), r"data.per_scenario: Input should be greater than"),
         (lambda c: c["data"].update(shapes=3), r"data.shapes: Unexpected keyword argument"),
     ],

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from exosight.control import CONTROL_SHAPE, ControllerConfig, OnnxEstimator
-from exosight.control.calibration import Calibrated, calibrate
+from exosight.control.calibration import Calibrated, calibrate_estimator
 from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.control.tuning import tune
 from exosight.errors import InputError
@@ -87,7 +87,7 @@ def config() -> ControllerConfig:
 
 def test_the_shipped_network_reads_its_own_exosuit_to_the_forces_of_the_simulation(config):
     network = OnnxEstimator.load(DEFAULT_MODEL)
-    own = calibrate(network, Exosuit(CONTROL_SHAPE), config, Camera())
+    own = calibrate_estimator(network, Exosuit(CONTROL_SHAPE), config, Camera())
     paths = np.concatenate([config.loading.forces, config.unloading.forces[1:]])
     # Both paths were solved from rest over the same loads, but for how the solver was restarted.
     np.testing.assert_allclose(own.true, paths, atol=1e-6)
@@ -102,6 +102,6 @@ def test_the_shipped_network_reads_its_own_exosuit_to_the_forces_of_the_simulati
 
 def test_a_camera_of_another_size_is_refused(config):
     with pytest.raises(InputError, match="128"):
-        calibrate(
+        calibrate_estimator(
             OnnxEstimator.load(DEFAULT_MODEL), Exosuit(CONTROL_SHAPE), config, resized(Camera(), 48, 32)
         )

@@ -23,7 +23,7 @@ CARD = made_up(
     training={"network": "closed form"},
     data={"camera": "512 px/m"},
     widths=Widths(((1.0,) * 7,) * 5, ((1.0,) * 7, (2.0,) * 7, (3.0,) * 7, (4.0,) * 7, (5.0,) * 7)),
-    unlike_limit=0.5,
+    ood_limit=0.5,
 )
 
 with_files = settings(
@@ -41,7 +41,7 @@ def closed_form() -> onnx.ModelProto:
         helper.make_node("Mul", ["forces", "tenth"], ["tenths"]),
         helper.make_node("Add", ["tenths", "tenth"], ["expected_error"]),
         helper.make_node("Sigmoid", ["raw"], ["contact"]),
-        helper.make_node("ReduceMean", ["image", "sides"], ["unlike"], keepdims=0),
+        helper.make_node("ReduceMean", ["image", "sides"], ["ood_score"], keepdims=0),
     ]
     graph = helper.make_graph(
         nodes,
@@ -49,7 +49,7 @@ def closed_form() -> onnx.ModelProto:
         [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["batch", 1, 6, 8])],
         [
             *(helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", 7]) for name in OUTPUTS[:3]),
-            helper.make_tensor_value_info("unlike", TensorProto.FLOAT, ["batch"]),
+            helper.make_tensor_value_info("ood_score", TensorProto.FLOAT, ["batch"]),
         ],
         [
             numpy_helper.from_array(weight, "weight"),
@@ -96,7 +96,7 @@ def test_intervals_follow_the_closed_form(model: Path):
     assert read.low == pytest.approx(np.maximum(0, forces - half), abs=1e-5)
     assert read.high == pytest.approx(forces + half, abs=1e-5)
     assert read.contact[0] == pytest.approx([0.5] * 6 + [1 / (1 + np.e)], abs=1e-5)
-    assert read.unlike == pytest.approx([0, 0.2 / 0.5], abs=1e-5)
+    assert read.ood_score == pytest.approx([0, 0.2 / 0.5], abs=1e-5)
     wide, narrow = (OnnxEstimator.load(model).read(images, level) for level in (0.99, 0.5))
     assert np.all(wide.high - wide.low >= narrow.high - narrow.low)
     with pytest.raises(InputError, match=r"level: expected one of 0.5, 0.8, 0.9, 0.95, 0.99, got 0.7"):

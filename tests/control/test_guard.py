@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exosight.control import ControllerConfig, ForcePath, GuardConfig, Guarded, Scheduled, Sight, State
+from exosight.control import ControllerConfig, ForcePath, GuardConfig, Guarded, Measurement, Scheduled, State
 from exosight.control.estimator import Reading
 from exosight.errors import InputError
 
@@ -37,12 +37,12 @@ CONFIG = ControllerConfig(
 )
 
 
-def reading(force: float, width: float = 0.01, unlike: float = 0.3) -> Reading:
+def reading(force: float, width: float = 0.01, ood_score: float = 0.3) -> Reading:
     forces = np.zeros((1, 7), np.float32)
     forces[0, 2] = force
     half = np.float32(width / 14)  # seven intervals
     return Reading(
-        forces, forces - half, forces + half, np.zeros((1, 7), np.float32), np.array([unlike], np.float32)
+        forces, forces - half, forces + half, np.zeros((1, 7), np.float32), np.array([ood_score], np.float32)
     )
 
 
@@ -59,12 +59,12 @@ class Bench:
         self.guarded = Guarded(Scheduled(CONFIG), GuardConfig(**guard))
         self.u, self.frames = 0.0, itertools.count()
 
-    def good(self, **changes) -> Sight:
-        sight = {"image": picture(next(self.frames)), "reading": reading(SLOPE * max(self.u, 0.0))}
-        return Sight(**{**sight, **changes})
+    def good(self, **changes) -> Measurement:
+        measurement = {"image": picture(next(self.frames)), "reading": reading(SLOPE * max(self.u, 0.0))}
+        return Measurement(**{**measurement, **changes})
 
-    def step(self, sight: Sight | None = None, target: float = TARGET) -> float:
-        self.u = self.guarded.step(target, self.good() if sight is None else sight)
+    def step(self, measurement: Measurement | None = None, target: float = TARGET) -> float:
+        self.u = self.guarded.step(target, self.good() if measurement is None else measurement)
         return self.u
 
     @property
@@ -89,7 +89,7 @@ def test_with_good_frames_it_does_what_the_law_does():
 
 
 BAD = {
-    "no frame": lambda bench: Sight(),
+    "no frame": lambda bench: Measurement(),
     "stale": lambda bench: bench.good(age=0.6),
     "black": lambda bench: bench.good(image=np.zeros((4, 6), np.uint8)),
     "blank": lambda bench: bench.good(image=np.full((4, 6), 200, np.uint8)),
@@ -97,8 +97,8 @@ BAD = {
     "no force": lambda bench: bench.good(reading=reading(math.nan)),
     "that is no force": lambda bench: bench.good(reading=reading(math.inf)),
     "an estimate that is no": lambda bench: bench.good(reading=reading(-1e30)),
-    "unlike those learned from": lambda bench: bench.good(reading=reading(0.3, unlike=1.2)),
-    "score nan": lambda bench: bench.good(reading=reading(0.3, unlike=math.nan)),
+    "out-of-distribution image": lambda bench: bench.good(reading=reading(0.3, ood_score=1.2)),
+    "score nan": lambda bench: bench.good(reading=reading(0.3, ood_score=math.nan)),
     "not where it was told": lambda bench: bench.good(u=bench.u - 0.5),
     "u = nan": lambda bench: bench.good(u=math.nan),
 }
@@ -127,7 +127,7 @@ def test_bad_frames_hold_then_release_and_say_why(cause):
 
 def test_one_lost_frame_costs_one_step():
     bench = Bench().settle()
-    bench.step(Sight())
+    bench.step(Measurement())
     bench.step()
     assert bench.guarded.log == []
 
@@ -136,11 +136,11 @@ def test_frames_lost_now_and_then_hold_but_do_not_let_go():
     bench = Bench().settle()
     held = bench.u
     for _ in range(2):
-        bench.step(Sight())
+        bench.step(Measurement())
     assert bench.state is State.HOLD
     for _ in range(10):
-        for sight in (None, None, Sight()):  # never five good ones in a row, never two bad ones
-            assert bench.step(sight) == held
+        for measurement in (None, None, Measurement()):  # never five good ones in a row, never two bad ones
+            assert bench.step(measurement) == held
     for _ in range(5):
         bench.step()
     assert [entry.after for entry in bench.guarded.log] == [State.HOLD, State.SLOW]
@@ -170,13 +170,14 @@ def test_late_pictures_are_compared_with_the_u_under_which_they_were_taken():
         seen.append(bench.good(u=bench.u))
         late = seen[max(0, len(seen) - 4)]
         age = 0.1 * min(len(seen) - 1, 3)
-        bench.step(Sight(late.image, late.reading, age, late.u))
+        bench.step(Measurement(late.image, late.reading, age, late.u))
     assert bench.guarded.log == []
     assert bench.u == pytest.approx(TARGET / SLOPE, rel=1e-3)
 
 
 @pytest.mark.parametrize(
-    ("changes", "cause"), [({"width": 0.5}, "may be 0.50 N off"), ({"unlike": 0.9}, "rather unlike")]
+    ("changes", "cause"),
+    [({"width": 0.5}, "may be 0.50 N off"), ({"ood_score": 0.9}, "close to out of distribution")],
 )
 def test_in_doubt_it_loads_slowly_and_unloads_at_once(changes, cause):
     bench = Bench()
@@ -210,17 +211,17 @@ def test_a_contact_far_beyond_its_limit_releases_at_once():
 
 def test_without_eyes_a_target_of_zero_releases_at_once():
     bench = Bench().settle()
-    bench.step(Sight(), target=0.0)
+    bench.step(Measurement(), target=0.0)
     assert bench.state is State.RELEASE
     for _ in range(round(bench.guarded.release_time / CONFIG.period)):
-        bench.step(Sight(), target=0.0)
+        bench.step(Measurement(), target=0.0)
     assert bench.u == 0.0
 
 
 def test_good_frames_lead_back_from_release_to_the_target():
     bench = Bench().settle()
     for _ in range(12):
-        bench.step(Sight())
+        bench.step(Measurement())
     assert (bench.state, bench.u) == (State.RELEASE, 0.0)
     for _ in range(40):
         bench.step()
@@ -239,7 +240,7 @@ anything = st.one_of(
 
 
 @st.composite
-def sights(draw) -> Sight:
+def measurements(draw) -> Measurement:
     """Anything at all, though often something that looks good."""
     image = draw(st.sampled_from([None, *(picture(k) for k in range(4)), np.zeros((4, 6), np.uint8)]))
     if draw(st.booleans()):
@@ -251,7 +252,7 @@ def sights(draw) -> Sight:
         answer = Reading(*rows, np.zeros((1, 7), np.float32), np.array([draw(anything)], np.float32))
     age = draw(st.one_of(st.just(0.0), st.floats(allow_nan=True, allow_infinity=True)))
     u = draw(st.one_of(st.none(), st.floats(allow_nan=True, allow_infinity=True)))
-    return Sight(image, answer, age, u)
+    return Measurement(image, answer, age, u)
 
 
 targets = st.one_of(st.just(TARGET), st.just(0.0), st.floats(allow_nan=False, allow_infinity=False))
@@ -269,17 +270,19 @@ LEGAL = {
 
 
 @unhurried
-@given(st.lists(st.tuples(targets, sights()), max_size=40))
+@given(st.lists(st.tuples(targets, measurements()), max_size=40))
 def test_nothing_seen_makes_it_leave_its_limits_or_its_states_without_cause(steps):
     guarded, before, state = Guarded(Scheduled(CONFIG)), 0.0, State.NORMAL
     released_for = good = 0
-    for target, sight in steps:
-        u = guarded.step(target, sight)
+    for target, measurement in steps:
+        u = guarded.step(target, measurement)
         assert CONFIG.u_min <= u <= CONFIG.u_max  # false for NaN too
         assert abs(u - before) <= CONFIG.step + ROUND_OFF
         # As the guard itself judges, from the outside: a frame without image or numbers is never good.
         seen = (
-            sight.image is not None and sight.reading is not None and np.isfinite(sight.reading.forces).all()
+            measurement.image is not None
+            and measurement.reading is not None
+            and np.isfinite(measurement.reading.forces).all()
         )
         if guarded.state is not state:
             entry = guarded.log[-1]
@@ -302,22 +305,22 @@ def test_nothing_seen_makes_it_leave_its_limits_or_its_states_without_cause(step
 
 
 @unhurried
-@given(st.lists(st.tuples(targets, sights()), max_size=30))
+@given(st.lists(st.tuples(targets, measurements()), max_size=30))
 def test_blinded_for_good_it_ends_at_no_actuation_in_a_stated_time(steps):
     guarded = Guarded(Scheduled(CONFIG))
-    for target, sight in steps:
-        guarded.step(target, sight)
+    for target, measurement in steps:
+        guarded.step(target, measurement)
     guard = guarded.guard
     blind = guard.bad_frames + guard.hold_steps + 1 + round(guarded.release_time / CONFIG.period)
     for _ in range(blind):
-        last = guarded.step(TARGET, Sight())
+        last = guarded.step(TARGET, Measurement())
     assert last == 0.0
 
 
 def test_reset_forgets_and_a_target_that_is_no_number_is_refused():
     bench = Bench().settle()
-    bench.step(Sight())
-    bench.step(Sight())
+    bench.step(Measurement())
+    bench.step(Measurement())
     bench.guarded.reset()
     assert (bench.state, bench.guarded.log, bench.guarded.law.u) == (State.NORMAL, [], 0.0)
     with pytest.raises(InputError, match="target force"):

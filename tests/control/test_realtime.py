@@ -113,7 +113,7 @@ def test_steps_keep_their_times(plant: Plant, guarded: Guarded) -> None:
     np.testing.assert_allclose([step.time for step in steps], 0.1 * np.arange(20), atol=1e-9)
     np.testing.assert_allclose([step.late for step in steps], 0, atol=1e-9)
     np.testing.assert_allclose([step.seconds for step in steps], [[0.004, 0.010, 0.0, 0.001]] * 20, atol=1e-9)
-    np.testing.assert_allclose([step.sight.age for step in steps], 0.010, atol=1e-9)
+    np.testing.assert_allclose([step.measurement.age for step in steps], 0.010, atol=1e-9)
 
 
 def test_lost_time_is_not_caught_up_with(plant: Plant, guarded: Guarded) -> None:
@@ -187,7 +187,7 @@ def test_a_network_without_an_answer_is_no_estimate(plant: Plant, guarded: Guard
 
     plant.read = lost
     steps = go(plant, guarded)
-    assert all(step.sight.reading is None for step in steps)
+    assert all(step.measurement.reading is None for step in steps)
     assert all(step.u == 0 for step in steps)
 
 

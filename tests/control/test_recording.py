@@ -17,7 +17,7 @@ from exosight.control.realtime import Clock, Step, run_live
 from exosight.control.recording import STATES, Recorder, checksum, read_recording, replay
 from exosight.control.sources import Frame
 from exosight.errors import DataError, InputError
-from exosight.vision.unlike import unlike_images
+from exosight.vision.ood_images import draw_ood_images
 
 SHAPE = (4, 6)
 
@@ -71,7 +71,7 @@ def test_what_is_recorded_is_read(tmp_path: Path, straight_config: ControllerCon
     assert len(told) == len(steps) == 47
     np.testing.assert_array_equal(told.u, [step.u for step in steps])
     np.testing.assert_array_equal(
-        told.age[told.seen], [step.sight.age for step in steps if step.sight.image is not None]
+        told.age[told.seen], [step.measurement.age for step in steps if step.measurement.image is not None]
     )
     np.testing.assert_array_equal(told.seconds, [step.seconds for step in steps])
     assert [STATES[i] for i in told.state] == [step.state for step in steps]
@@ -81,7 +81,7 @@ def test_what_is_recorded_is_read(tmp_path: Path, straight_config: ControllerCon
     assert np.isnan(told.forces_true[11]).all()
     np.testing.assert_array_equal(told.forces_true[20], np.full(7, 0.01 * 20))
     for i in (0, 20, 46):
-        np.testing.assert_array_equal(told.images[i], steps[i].sight.image)
+        np.testing.assert_array_equal(told.images[i], steps[i].measurement.image)
     assert told.guard.doubtful_width == 0.5
     assert told.model == checksum(Path(__file__))
     np.testing.assert_array_equal(told.controller.unloading.forces, straight_config.unloading.forces)
@@ -108,14 +108,14 @@ def test_the_shipped_network_replays_to_the_same_numbers(
     tmp_path: Path, straight_config: ControllerConfig
 ) -> None:
     network, guarded = OnnxEstimator.load(DEFAULT_MODEL), Guarded(Scheduled(straight_config))
-    pictures = unlike_images("text", 6, 0)
+    pictures = draw_ood_images("text", 6, 0)
     recorder = Recorder(tmp_path / "run.h5", pictures.shape[1:], guarded, DEFAULT_MODEL)
     for number, image in enumerate(pictures):
-        from exosight.control import Sight
+        from exosight.control import Measurement
 
-        sight = Sight(image, network.read(image[None]), 0.01)
-        u = guarded.step(0.2, sight)
-        recorder.append(Step(number / 10, 0.2, sight, None, u, guarded.state, "", np.zeros(4), 0.0))
+        measurement = Measurement(image, network.read(image[None]), 0.01)
+        u = guarded.step(0.2, measurement)
+        recorder.append(Step(number / 10, 0.2, measurement, None, u, guarded.state, "", np.zeros(4), 0.0))
     recorder.close()
     told = read_recording(tmp_path / "run.h5")
     again = replay(told, network.read)
@@ -149,7 +149,7 @@ FULL_DISK = """
 import resource, signal, sys
 from pathlib import Path
 import numpy as np
-from exosight.control import ControllerConfig, ForcePath, Guarded, Scheduled, Sight, State
+from exosight.control import ControllerConfig, ForcePath, Guarded, Scheduled, Measurement, State
 from exosight.control.realtime import Step
 from exosight.control.recording import Recorder
 from exosight.errors import DataError
@@ -166,8 +166,8 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
 rng = np.random.default_rng(0)
 try:
     for i in range(100):
-        sight = Sight(rng.integers(0, 256, (128, 128), dtype=np.uint8))
-        recorder.append(Step(i / 10, 0.2, sight, None, 0.0, State.NORMAL, "", np.zeros(4), 0.0))
+        measurement = Measurement(rng.integers(0, 256, (128, 128), dtype=np.uint8))
+        recorder.append(Step(i / 10, 0.2, measurement, None, 0.0, State.NORMAL, "", np.zeros(4), 0.0))
 except DataError as error:
     print("told:", error)
 try:

@@ -46,7 +46,7 @@ def plug_in(monkeypatch: pytest.MonkeyPatch, pictures: list[np.ndarray]) -> Webc
     return webcam
 
 
-def soon(frames: sources.Frames) -> sources.Frame:
+def soon(frames: sources.FrameStream) -> sources.Frame:
     """The next frame, once the camera's thread has grabbed one."""
     for frame in itertools.islice(frames, 400):
         if frame is not None:

@@ -14,7 +14,7 @@ from exosight.control import (
     hold_and_release,
     judge_response,
     run_guarded,
-    true_sight,
+    true_measurement,
 )
 from exosight.control.scheduled import RELEASED
 from exosight.control.simulated import SimulatedPlant
@@ -64,7 +64,7 @@ def test_the_slopes_of_the_path_are_the_sensitivities_of_the_equilibria(config, 
 @pytest.mark.parametrize("target", [0.25, 0.30, 0.35])
 def test_constant_targets_settle_in_six_steps_with_the_least_overshoot_there_can_be(config, plant, target):
     guarded = Guarded(Scheduled(config))
-    record = run_guarded(plant, guarded, true_sight, hold(target, 16))
+    record = run_guarded(plant, guarded, true_measurement, hold(target, 16))
     response = judge_response(record.time, record.target, record.F_net_true, record.u)
     assert response.settling_steps <= 6
     assert abs(response.steady_state_error) < 0.02 * target
@@ -76,7 +76,7 @@ def test_constant_targets_settle_in_six_steps_with_the_least_overshoot_there_can
 
 def test_a_dropped_target_is_released_within_a_second(config, plant):
     guarded = Guarded(Scheduled(config))
-    record = run_guarded(plant, guarded, true_sight, hold_and_release(0.2, 12))
+    record = run_guarded(plant, guarded, true_measurement, hold_and_release(0.2, 12))
     assert record.F_net_true[8:12] == pytest.approx(0.2, rel=0.02)
     assert (record.F_net_true[12 + 10 :] < RELEASED).all()
     assert record.u[-1] == 0.0
@@ -84,7 +84,7 @@ def test_a_dropped_target_is_released_within_a_second(config, plant):
 
 def test_an_exosuit_softer_than_tuned_for_is_served_as_well(config):
     softer = SimulatedPlant(Exosuit(CONTROL_SHAPE, young=0.9 * 300e3), resized(Camera(), 48, 32))
-    record = run_guarded(softer, Guarded(Scheduled(config)), true_sight, hold(0.35, 16))
+    record = run_guarded(softer, Guarded(Scheduled(config)), true_measurement, hold(0.35, 16))
     response = judge_response(record.time, record.target, record.F_net_true, record.u)
     assert response.settling_steps <= 6
     assert abs(response.steady_state_error) < 0.02 * 0.35

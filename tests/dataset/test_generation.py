@@ -17,7 +17,7 @@ from exosight.dataset import generation, read_frames, read_manifest
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import CAUSES, Frames
 from exosight.dataset.generation import generate, make_chunk
-from exosight.dataset.job import Job, opened
+from exosight.dataset.job import GenerationJob, opened
 from exosight.errors import DataError, InputError
 from exosight.exosuit.scenarios import SampledShape
 
@@ -233,7 +233,7 @@ def test_another_version_is_refused(whole: Path) -> None:
 
 def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"the job is one of exosight 0\.0\.9"):
-        make_chunk(tmp_path, Job(CONFIG, 4, exosight_version="0.0.9"), 0)
+        make_chunk(tmp_path, GenerationJob(CONFIG, 4, exosight_version="0.0.9"), 0)
 
 
 # Damaged
@@ -361,7 +361,7 @@ def test_a_full_disk_is_said_and_costs_only_what_did_not_fit(
 
 def test_a_second_process_on_the_folder_is_refused(whole: Path) -> None:
     with (
-        opened(whole, Job(CONFIG, 4), resume=True),
+        opened(whole, GenerationJob(CONFIG, 4), resume=True),
         pytest.raises(DataError, match="another process is working"),
     ):
         generate(CONFIG, whole, resume=True)
@@ -372,9 +372,9 @@ def test_a_chunk_made_twice_does_no_harm(whole: Path) -> None:
     """A worker that was thought dead comes back."""
     (whole / "manifest.json").unlink()
     before = contents(whole)
-    make_chunk(whole, Job(CONFIG, 4), 1)
+    make_chunk(whole, GenerationJob(CONFIG, 4), 1)
     (whole / "chunk_0001.json").unlink()
-    make_chunk(whole, Job(CONFIG, 4), 1)
+    make_chunk(whole, GenerationJob(CONFIG, 4), 1)
     assert contents(whole) == before
 
 

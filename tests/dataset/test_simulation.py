@@ -13,9 +13,16 @@ from exosight.dataset import generation, read_frames, read_manifest, sampled_sha
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import CAUSES, QUANTITIES, Frames, take
 from exosight.dataset.generation import generate
-from exosight.dataset.job import Job, Record
+from exosight.dataset.job import ChunkRecord, GenerationJob
 from exosight.dataset.manifest import Manifest
-from exosight.dataset.simulation import MAX_STEP, crosses_itself, exosuit_of, first_cause, load_path, simulate
+from exosight.dataset.simulation import (
+    MAX_STEP,
+    crosses_itself,
+    exosuit_of,
+    first_cause,
+    load_path,
+    simulate_shapes,
+)
 from exosight.exosuit.assembly import Pose, assemble, observe
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.mechanics import potential, stack
@@ -209,7 +216,7 @@ def assert_same(made: Frames, expected: Frames) -> None:
 
 def test_same_seed_same_frames_whatever_shapes_share_their_chunk(frames: Frames) -> None:
     """The five shapes in the middle, simulated once more across the border of the two chunks."""
-    again, dropped = simulate(CONFIG, sample_shapes(CONFIG.per_scenario, CONFIG.seed)[3:8])
+    again, dropped = simulate_shapes(CONFIG, sample_shapes(CONFIG.per_scenario, CONFIG.seed)[3:8])
     same = take(frames, np.flatnonzero((frames.shape_id >= 3) & (frames.shape_id < 8)))
     assert len(again) + sum(dropped.values()) == 5 * CONFIG.frames
     assert_same(again, same)
@@ -222,7 +229,7 @@ def test_processes_of_which_one_is_killed_at_work_make_the_same_files(
     pytest.importorskip("distributed")
     killed = tmp_path / "killed"
 
-    def dies_once(place: Path, job: Job, number: int) -> Record:
+    def dies_once(place: Path, job: GenerationJob, number: int) -> ChunkRecord:
         import os
         import signal
 

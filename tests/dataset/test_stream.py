@@ -13,7 +13,7 @@ from exosight.dataset import simulation
 from exosight.dataset import stream as streams
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import QUANTITIES
-from exosight.dataset.simulation import simulate
+from exosight.dataset.simulation import simulate_shapes
 from exosight.dataset.stream import block_shapes, stream
 from exosight.errors import DataError
 from exosight.exosuit.scenarios import geometry, sample_shapes
@@ -62,7 +62,7 @@ def test_blocks_are_what_the_simulation_gives_for_their_shapes() -> None:
     with stream(CONFIG, start=4) as blocks:
         first, second = next(blocks), next(blocks)
     for frames, number in ((first, 4), (second, 5)):
-        expected, _ = simulate(CONFIG, block_shapes(CONFIG, number, set()))
+        expected, _ = simulate_shapes(CONFIG, block_shapes(CONFIG, number, set()))
         for name in QUANTITIES:
             np.testing.assert_array_equal(getattr(frames, name), getattr(expected, name), err_msg=name)
     assert not multiprocessing.active_children()

@@ -21,7 +21,7 @@ from exosight.dataset import (
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import CAUSES
 from exosight.dataset.generation import generate
-from exosight.dataset.simulation import exosuit_of, simulate, wear
+from exosight.dataset.simulation import exosuit_of, simulate_shapes, wear
 from exosight.dataset.variation import frame_numbers, variation_columns
 from exosight.errors import DataError
 from exosight.exosuit.assembly import Pose, assemble, observe, varied
@@ -118,7 +118,7 @@ def test_every_frame_varies_and_every_exosuit(frames: Frames, columns) -> None:
 
 def test_a_frame_does_not_depend_on_the_chunk_it_is_in(folder: Path, frames: Frames) -> None:
     sampled = sampled_shapes(read_manifest(folder))[7]
-    alone, _ = simulate(CONFIG, [sampled])
+    alone, _ = simulate_shapes(CONFIG, [sampled])
     mine = take(frames, np.flatnonzero(frames.shape_id == 7))
     np.testing.assert_allclose(alone.pose, mine.pose, rtol=1e-6, atol=1e-8)  # two solves to 1e-10
     assert np.mean(alone.images != mine.images) < 0.002

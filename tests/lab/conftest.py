@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import httpx
 import pytest
 
-from exosight.lab.door import LOOPBACK
+from exosight.lab.security import LOOPBACK
 from exosight.lab.server import application, listen, server_of
 from exosight.lab.settings import View
 

@@ -14,10 +14,10 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
 
+from exosight.lab.pose_cache import PoseCache
 from exosight.lab.settings import View
 from exosight.lab.views import see
-from exosight.lab.worn import Wardrobe
-from exosight.vision.unlike import unlike_images
+from exosight.vision.ood_images import draw_ood_images
 
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("google-chrome")
 
@@ -88,7 +88,7 @@ def drive(page: Page, u: float) -> None:
 
 def test_the_page_shows_the_view_it_opens_with(open_page: Callable[..., Page]) -> None:
     page = open_page()
-    seen = see(View(), Wardrobe())
+    seen = see(View(), PoseCache())
     assert force_shown(page) == pytest.approx(float(seen.pose.net_force), abs=6e-4)
     assert page.locator("#u-value").inner_text() == "2.40 N"
     assert page.locator("#pose svg .arrow").count() == int((seen.pose.forces * 100 > 0.6).sum())
@@ -111,7 +111,7 @@ def test_dragging_up_and_down_shows_both_branches(open_page: Callable[..., Page]
     # Up and down once; where both branches are one, the way back to rest is forgotten.
     expect(page.locator("#way")).to_have_text(re.compile(r"^0 → [234]\.\d\d → 2\.\d\d N$"))
     u = float(page.locator("#u-value").inner_text().removesuffix(" N"))
-    seen = see(View(drive=(4.0, u)), Wardrobe())
+    seen = see(View(drive=(4.0, u)), PoseCache())
     expect(page.locator("#net-true")).to_have_text(f"{seen.pose.net_force:.3f} N")
 
 
@@ -184,7 +184,7 @@ def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page]
 def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page], tmp_path: Path) -> None:
     page = open_page()
     page.get_by_role("tab", name="Your picture").click()
-    files = {"pose.png": see(View(), Wardrobe()).image, "text.png": unlike_images("text", 1, 0)[0]}
+    files = {"pose.png": see(View(), PoseCache()).image, "text.png": draw_ood_images("text", 1, 0)[0]}
     for name, image in files.items():
         data = cv2.imencode(".png", image)[1].tobytes()
         dropped = page.evaluate_handle(

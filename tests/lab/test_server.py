@@ -19,13 +19,13 @@ from PIL import Image
 
 from exosight.errors import InputError
 from exosight.lab import uploads
-from exosight.lab.door import LOOPBACK
+from exosight.lab.pose_cache import PoseCache
+from exosight.lab.security import LOOPBACK
 from exosight.lab.server import access, address_of, listen
 from exosight.lab.settings import View
 from exosight.lab.uploads import LARGEST_UPLOAD
 from exosight.lab.views import exosuit_of, see
-from exosight.lab.worn import Wardrobe
-from exosight.vision.unlike import unlike_images
+from exosight.vision.ood_images import draw_ood_images
 
 fuzzed = settings(
     max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
@@ -86,7 +86,7 @@ def test_the_page_and_its_parts_are_served_from_here_alone(client: httpx.Client)
 
 def test_a_view_is_answered_with_picture_forces_guard_and_command(client: httpx.Client) -> None:
     told = client.post("/api/view", json={"drive": [4.0, 2.4]}).json()
-    seen = see(View(drive=(4.0, 2.4)), Wardrobe())
+    seen = see(View(drive=(4.0, 2.4)), PoseCache())
     assert told["F_net"] == pytest.approx(float(seen.pose.net_force), abs=1e-5)
     assert told["command"] == "exosight lab --drive 4 2.4"
     assert told["guard"]["state"] == "normal"
@@ -112,10 +112,10 @@ def test_twenty_pages_at_once_each_get_their_own_view(client: httpx.Client) -> N
 
     with ThreadPoolExecutor(20) as pool:
         at_once = list(pool.map(ask, wanted))
-    wardrobe = Wardrobe()
+    poses = PoseCache()
     for view, told in list(zip(wanted, at_once, strict=True))[::4]:
         own = View(young=view["young"], drive=tuple(view["drive"]))
-        assert told["F_net"] == pytest.approx(float(see(own, wardrobe).pose.net_force), abs=1e-5)
+        assert told["F_net"] == pytest.approx(float(see(own, poses).pose.net_force), abs=1e-5)
     assert len({told["F_net"] for told in at_once}) == 20
     assert exosuit_of(View()).young == 3e5
 
@@ -154,19 +154,19 @@ def test_malformed_pictures_are_refused(client: httpx.Client, data: bytes, head:
 @fuzzed
 @given(cut=st.integers(8, 2000), flip=st.integers(0, 2000), value=st.integers(0, 255))
 def test_damaged_pictures_are_refused_or_read(client: httpx.Client, cut: int, flip: int, value: int) -> None:
-    data = bytearray(png(unlike_images("clouds", 1, 0)[0]))
+    data = bytearray(png(draw_ood_images("clouds", 1, 0)[0]))
     data[flip % len(data)] = value
     answer = client.post("/api/estimate", content=bytes(data[: len(data) - cut]))
     assert answer.status_code in (200, 400)
 
 
 def test_a_picture_is_estimated_and_an_unlike_one_is_told(client: httpx.Client) -> None:
-    pose = see(View(), Wardrobe())
+    pose = see(View(), PoseCache())
     told = client.post("/api/estimate", content=png(pose.image)).json()
     assert told["reading"]["forces"] == pytest.approx(pose.reading.forces[0].tolist(), abs=1e-5)
-    assert told["reading"]["unlike"] < 1
-    strange = client.post("/api/estimate", content=png(unlike_images("text", 1, 0)[0])).json()
-    assert strange["reading"]["unlike"] > 1
+    assert told["reading"]["ood_score"] < 1
+    strange = client.post("/api/estimate", content=png(draw_ood_images("text", 1, 0)[0])).json()
+    assert strange["reading"]["ood_score"] > 1
     assert strange["guard"]["state"] == "hold"
 
 

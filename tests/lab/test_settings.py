@@ -14,7 +14,7 @@ from exosight.errors import InputError
 from exosight.exosuit.shapes import FAMILIES, radius
 from exosight.lab.controls import STARTS, about
 from exosight.lab.saving import command_of
-from exosight.lab.settings import LARGEST, STEP, Family, Run, View, read_settings, shape_of
+from exosight.lab.settings import LARGEST, STEP, Family, LoopSettings, View, read_settings, shape_of
 
 TOP = round(LARGEST / STEP)
 BOUNDS = {
@@ -108,11 +108,11 @@ def test_what_is_no_view_is_refused_in_one_sentence(body: bytes, sentence: str) 
 
 def test_a_run_is_refused_for_its_view_too() -> None:
     with pytest.raises(InputError, match=r"^view\.young: "):
-        read_settings(Run, sent(view={"young": 0}))
+        read_settings(LoopSettings, sent(view={"young": 0}))
     with pytest.raises(InputError, match=r"^parameters: "):
-        read_settings(Run, sent(view={"family": "legendre"}))
+        read_settings(LoopSettings, sent(view={"family": "legendre"}))
     with pytest.raises(InputError, match=r"^gain: "):
-        read_settings(Run, sent(gain=0))
+        read_settings(LoopSettings, sent(gain=0))
 
 
 @pytest.mark.parametrize("family", get_args(Family))

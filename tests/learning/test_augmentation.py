@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from exosight.learning.augmentation import FADED, NOISE, NOISE_MEAN, NOISY, augment, moved
+from exosight.learning.augmentation import FADED, NOISE, NOISE_MEAN, NOISY, augment_batch, moved
 
 
 def test_images_move_by_whole_pixels_and_their_border_repeats():
@@ -32,8 +32,8 @@ def test_small_images_stay_where_they_are():
 
 def test_what_happens_follows_from_seed_epoch_and_step_alone():
     images = np.random.default_rng(0).integers(0, 256, (8, 1, 80, 80), np.uint8)
-    found = [augment(images, *key).tobytes() for key in [(1, 2, 3), (2, 2, 3), (1, 3, 3), (1, 2, 4)]]
-    assert found[0] == augment(images, 1, 2, 3).tobytes()
+    found = [augment_batch(images, *key).tobytes() for key in [(1, 2, 3), (2, 2, 3), (1, 3, 3), (1, 2, 4)]]
+    assert found[0] == augment_batch(images, 1, 2, 3).tobytes()
     assert len(set(found)) == 4
 
 
@@ -41,7 +41,7 @@ def test_shares_ranges_and_noise_are_as_stated():
     """Half black, half white, 32×32: each half's mean tells the grays, its spread the noise."""
     images = np.zeros((2000, 32, 32), np.uint8)
     images[:, 16:] = 255
-    found = augment(images[:, None], seed=0, epoch=1, step=0)[:, 0]
+    found = augment_batch(images[:, None], seed=0, epoch=1, step=0)[:, 0]
     assert found.dtype == np.float32
     assert found.min() >= 0
     assert found.max() <= 1
@@ -66,18 +66,18 @@ def test_shares_ranges_and_noise_are_as_stated():
 
 def test_parts_of_a_step_have_draws_of_their_own_which_are_always_the_same() -> None:
     images = np.full((4, 1, 40, 40), 128, np.uint8)
-    first, second = augment(images, 3, 1, 2), augment(images, 3, 1, 2, 1)
-    assert (first == augment(images, 3, 1, 2, 0)).all()
-    assert (second == augment(images, 3, 1, 2, 1)).all()
+    first, second = augment_batch(images, 3, 1, 2), augment_batch(images, 3, 1, 2, 1)
+    assert (first == augment_batch(images, 3, 1, 2, 0)).all()
+    assert (second == augment_batch(images, 3, 1, 2, 1)).all()
     assert (first != second).any()
-    assert (second != augment(images, 3, 1, 2, 2)).any()
+    assert (second != augment_batch(images, 3, 1, 2, 2)).any()
 
 
 def test_the_images_of_a_stack_are_moved_and_faded_alike_and_have_noise_of_their_own():
     """Three times the same picture: without noise it stays the same, with noise only the noise differs."""
     rng = np.random.default_rng(0)
     images = np.repeat(rng.integers(0, 256, (400, 1, 40, 40), np.uint8), 3, axis=1)
-    found = augment(images, seed=0, epoch=1, step=0)
+    found = augment_batch(images, seed=0, epoch=1, step=0)
     same = np.all(found == found[:, :1], axis=(1, 2, 3))
     # Half of the stacks have noise, within four standard deviations of 400 coin tosses; it is in every image.
     assert same.mean() == pytest.approx(1 - NOISY, abs=4 * 0.5 / np.sqrt(400))

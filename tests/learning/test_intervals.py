@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from exosight.errors import InputError
-from exosight.learning.intervals import LEVELS, calibrate, interval
+from exosight.learning.intervals import LEVELS, calibrate_intervals, interval
 
 
 def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -19,7 +19,7 @@ def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_coverage_on_new_frames_is_the_level(level: float) -> None:
-    widths = calibrate(*drawn(20_000, 0))
+    widths = calibrate_intervals(*drawn(20_000, 0))
     forces, expected, truth = drawn(20_000, 1)
     low, high = interval(widths, level, forces, expected)
     # A lower end below zero is cut off, which these truths, unlike forces, may be.
@@ -39,7 +39,7 @@ def test_far_from_zero_coverage_is_not_above_the_level_either() -> None:
         noise = np.random.default_rng(seed + 10).standard_t(3, forces.shape) * expected
         return forces + 10, expected, forces + 10 + noise
 
-    widths = calibrate(*shifted(0))
+    widths = calibrate_intervals(*shifted(0))
     forces, expected, truth = shifted(1)
     for level in LEVELS:
         low, high = interval(widths, level, forces, expected)
@@ -51,7 +51,7 @@ def test_far_from_zero_coverage_is_not_above_the_level_either() -> None:
 def test_few_frames_give_wide_intervals_and_none_gives_the_estimate_itself() -> None:
     forces, expected, truth = drawn(5, 0)
     forces = forces + 1
-    widths = calibrate(forces, expected, truth)
+    widths = calibrate_intervals(forces, expected, truth)
     largest = np.max(np.abs(forces - truth) / expected, axis=0)
     assert widths.estimated_force[LEVELS.index(0.99)] == pytest.approx(largest)
     assert widths.estimated_zero == ((0.0,) * 7,) * len(LEVELS)
@@ -59,4 +59,4 @@ def test_few_frames_give_wide_intervals_and_none_gives_the_estimate_itself() -> 
 
 def test_a_level_that_was_not_calibrated_is_refused() -> None:
     with pytest.raises(InputError, match=r"level: expected one of 0.5, 0.8, .*, got 0.7"):
-        interval(calibrate(*drawn(10, 0)), 0.7, *drawn(10, 0)[:2])
+        interval(calibrate_intervals(*drawn(10, 0)), 0.7, *drawn(10, 0)[:2])

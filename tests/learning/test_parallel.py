@@ -18,8 +18,8 @@ from exosight.errors import InputError
 from exosight.learning import read_history
 from exosight.learning.checkpoint import CHECKPOINT_NAME, Checkpoint, load_checkpoint
 from exosight.learning.parallel import join
+from exosight.learning.process_group import SINGLE, ProcessGroup
 from exosight.learning.samples import Samples
-from exosight.learning.team import ALONE, Team
 from exosight.learning.training import BOARD_NAME
 
 PROGRAM = Path(__file__).with_name("two_processes.py")
@@ -151,17 +151,17 @@ def test_what_both_refuse_is_said_once_and_nothing_is_written(runs: Runs, name: 
 
 def test_slices_are_the_whole_batch_in_order_and_nearly_equal() -> None:
     batch = np.arange(14) * 3
-    parts = [Team(rank, 4).part(batch) for rank in range(4)]
+    parts = [ProcessGroup(rank, 4).part(batch) for rank in range(4)]
     assert [len(part) for part in parts] == [4, 4, 3, 3]
     assert (np.concatenate(parts) == batch).all()
-    assert (ALONE.part(batch) == batch).all()
+    assert (SINGLE.part(batch) == batch).all()
 
 
 def test_without_torchrun_a_process_is_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("WORLD_SIZE", raising=False)
-    with join("cpu") as team:
-        assert team == ALONE
-    assert team.first
+    with join("cpu") as group:
+        assert group == SINGLE
+    assert group.first
     assert not dist.is_initialized()
 
 

@@ -10,10 +10,10 @@ import torch
 
 from exosight.errors import DataError, InputError
 from exosight.learning import TrainConfig, export_onnx, load_model, load_pretrained, read_history, train
-from exosight.learning.beside import Beside
 from exosight.learning.checkpoint import RunIdentity, load_checkpoint
 from exosight.learning.config import PRETRAINED_SHARE, resolve
 from exosight.learning.model_file import open_model, seal
+from exosight.learning.model_inputs import ModelInputs
 from exosight.learning.networks import ForceModel, Network, build_network
 from exosight.learning.pretrained import Pretrained, first_weights
 from exosight.learning.recipes import RECIPES
@@ -21,8 +21,8 @@ from exosight.learning.samples import Samples
 
 _KINDS = {
     "light": (TrainConfig(epochs=2, batch=16, threads=1, precision="float32"), (40, 40)),
-    "light, past and u": (
-        TrainConfig(epochs=2, batch=16, threads=1, precision="float32", past=1, actuation=True),
+    "light, history and u": (
+        TrainConfig(epochs=2, batch=16, threads=1, precision="float32", history=1, actuation=True),
         (40, 40),
     ),
     "paper": (TrainConfig(network="paper", epochs=1, batch=8, threads=1), (128, 128)),
@@ -54,9 +54,9 @@ def test_it_answers_as_the_file_whatever_the_units_of_its_forces(
     train(
         config, images, forces, np.arange(16), np.arange(16, 24), tmp_path, identity, u=u, previous=previous
     )
-    past = images[previous][:, None] if config.past else None
+    history = images[previous][:, None] if config.history else None
     told = u if config.actuation else None
-    export_onnx(tmp_path, tmp_path / "model.onnx", images, forces, Beside(past, told))
+    export_onnx(tmp_path, tmp_path / "model.onnx", images, forces, ModelInputs(history, told))
 
     session, card = open_model(tmp_path / "model.onnx", 1)
     seen = rng.random((8, *card.inputs["image"]), dtype=np.float32)
@@ -169,7 +169,7 @@ def test_it_is_driven_less_hard() -> None:
     [
         (TrainConfig(network="paper"), (128, 128), "its network is light, asked for is paper"),
         (TrainConfig(), (64, 40), r"its image size is \(40, 40\), asked for is \(64, 40\)"),
-        (TrainConfig(past=2), (40, 40), "its past is 0, asked for is 2"),
+        (TrainConfig(history=2), (40, 40), "its history is 0, asked for is 2"),
         (TrainConfig(actuation=True), (40, 40), "its actuation is False, asked for is True"),
     ],
 )

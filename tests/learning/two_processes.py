@@ -23,13 +23,13 @@ from torch.distributed import TCPStore
 from exosight.errors import ExosightError, InputError
 from exosight.learning import TrainConfig, train, training
 from exosight.learning.checkpoint import RunIdentity
-from exosight.learning.fresh import Block
 from exosight.learning.networks import Network
+from exosight.learning.online_simulation import FrameBlock
 from exosight.learning.parallel import join
+from exosight.learning.process_group import ProcessGroup
 from exosight.learning.samples import Samples
-from exosight.learning.team import Team
 
-Work = Callable[[Team, Samples, Path], None]
+Work = Callable[[ProcessGroup, Samples, Path], None]
 
 MODERN = TrainConfig(epochs=3, batch=16, threads=1, seed=5, precision="float32")
 CLEAN = replace(MODERN, recipe="clean", batch=13)
@@ -46,45 +46,45 @@ def plain_network(identity: RunIdentity):
 def blocks(samples: Samples):
     """Ten fresh frames for each epoch: those of validation, mirrored and shifted."""
 
-    def produce(first: int) -> Iterator[Block]:
+    def produce(first: int) -> Iterator[FrameBlock]:
         kept = samples.validation_index[:10]
         while True:
             first += 1
             images = np.roll(samples.images[kept, ::-1], first, axis=2).copy()
             alone = np.arange(len(kept))
-            yield Block(images, samples.forces[kept], samples.auxiliary[kept], np.float32(alone), alone)
+            yield FrameBlock(images, samples.forces[kept], samples.auxiliary[kept], np.float32(alone), alone)
 
     return produce
 
 
-def whole(team: Team, samples: Samples, folder: Path) -> None:
-    run(team, samples, folder / "whole", MODERN)
+def whole(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+    run(group, samples, folder / "whole", MODERN)
 
 
-def killed(team: Team, samples: Samples, folder: Path) -> None:
+def killed(group: ProcessGroup, samples: Samples, folder: Path) -> None:
     def kill(progress) -> None:
         if progress.step == 7:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    run(team, samples, folder / "killed", MODERN, progress=kill)
+    run(group, samples, folder / "killed", MODERN, progress=kill)
 
 
-def resumed(team: Team, samples: Samples, folder: Path) -> None:
-    run(team, samples, folder / "killed", MODERN, resume=True)
+def resumed(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+    run(group, samples, folder / "killed", MODERN, resume=True)
 
 
-def plain(team: Team, samples: Samples, folder: Path) -> None:
+def plain(group: ProcessGroup, samples: Samples, folder: Path) -> None:
     RunIdentity.build_network = plain_network
-    fresh = blocks(samples) if team.first else unwanted
-    name = f"plain{team.size}" if team.first else f"plain{team.size}_second"
-    run(team, samples, folder / name, CLEAN, fresh=fresh)
+    online_blocks = blocks(samples) if group.first else unwanted
+    name = f"plain{group.size}" if group.first else f"plain{group.size}_second"
+    run(group, samples, folder / name, CLEAN, online_blocks=online_blocks)
 
 
 def unwanted(first: int):
     raise AssertionError("only the first process makes fresh frames")
 
 
-def failed(team: Team, samples: Samples, folder: Path) -> None:
+def failed(group: ProcessGroup, samples: Samples, folder: Path) -> None:
     step, steps = training._step, iter(range(6))
 
     def until_the_sixth(*arguments) -> float:
@@ -92,26 +92,26 @@ def failed(team: Team, samples: Samples, folder: Path) -> None:
             raise InputError("the sixth step is one too many")
         return step(*arguments)
 
-    if not team.first:
+    if not group.first:
         training._step = until_the_sixth
-    run(team, samples, folder / "failed", MODERN)
+    run(group, samples, folder / "failed", MODERN)
 
 
-def at_odds(team: Team, samples: Samples, folder: Path) -> None:
-    run(team, samples, folder / "at_odds", replace(MODERN, seed=team.rank))
+def at_odds(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+    run(group, samples, folder / "at_odds", replace(MODERN, seed=group.rank))
 
 
-def too_small(team: Team, samples: Samples, folder: Path) -> None:
+def too_small(group: ProcessGroup, samples: Samples, folder: Path) -> None:
     few = replace(samples, train_index=samples.train_index[:3])
-    run(team, few, folder / "too_small", MODERN)
+    run(group, few, folder / "too_small", MODERN)
 
 
-def run(team: Team, samples: Samples, folder: Path, config: TrainConfig, **options) -> None:
+def run(group: ProcessGroup, samples: Samples, folder: Path, config: TrainConfig, **options) -> None:
     index = (samples.train_index, samples.validation_index)
     identity = {"camera": "512 px/m"}
     train(
         config, samples.images, samples.forces, *index, folder, identity,
-        auxiliary=samples.auxiliary, team=team, **options,
+        auxiliary=samples.auxiliary, group=group, **options,
     )  # fmt: skip
 
 
@@ -130,8 +130,8 @@ def process(work: Work, rank: int, size: int, port: int, folder: Path) -> int:
     with np.load(folder / "samples.npz") as stored:
         samples = Samples(**stored)
     try:
-        with join("cpu") as team:
-            work(team, samples, folder)
+        with join("cpu") as group:
+            work(group, samples, folder)
     except ExosightError as error:
         print(error, file=sys.stderr)
         return 2

@@ -99,7 +99,7 @@ def linear_overlap(robot: Robot, at: Motion, step: float) -> float:
 
 
 def reach(robot: Robot, at: Motion, step: float) -> float:
-    return float(contact(robot).reach(robot, at, jnp.array([step])))
+    return float(contact(robot).max_step_fraction(robot, at, jnp.array([step])))
 
 
 @pytest.mark.parametrize("step", [0.5, 0.05, 5.0])

@@ -23,7 +23,7 @@ def made_up(image_height: int, image_width: int, **known: Any) -> ModelCard:
             "training": {},
             "data": {},
             "widths": Widths(((1.0,) * 7,) * 5, ((1.0,) * 7,) * 5),
-            "unlike_limit": 1.0,
+            "ood_limit": 1.0,
             **known,
         }
     )

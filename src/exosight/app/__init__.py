@@ -4,7 +4,7 @@ main, options    the command line's door: which command, with which options, and
 commands         one module a command: its options, its help, and the call of what does the work
 pipeline         the steps from a dataset to a trained network that commands and study share
 evaluation       a network judged on a dataset
-trials           the closed loop's trials
+control_command  the closed loop's trials
 study, …         all of it; study_config holds its presets, study_report fills its report
 report, …        sections of text, tables and figures as one HTML page; chapters holds the study's sections
 console, output  what is shown; where results are written

@@ -16,9 +16,9 @@ import jax
 import numpy as np
 
 from exosight.arrays import AnyArray
+from exosight.cpu import cores
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, assemble
 from exosight.exosuit.scenarios import sample_shapes
-from exosight.machine import cores
 from exosight.mechanics import Robot, follow
 
 FLOOR = 0.15e6

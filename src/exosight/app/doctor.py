@@ -10,7 +10,7 @@ from pathlib import Path
 from packaging.requirements import Requirement
 
 from exosight import __version__
-from exosight.machine import cores
+from exosight.cpu import cores
 
 GIVES = {
     "train": "training networks and exporting them as ONNX",

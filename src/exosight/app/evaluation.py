@@ -9,30 +9,30 @@ import numpy as np
 from jaxtyping import Float32, Int, Int8, Int32, UInt8
 
 from exosight.app.console import progress, to_json
-from exosight.app.pipeline import Data, beside, divided, stacked_rows, test_part
+from exosight.app.pipeline import Data, divided, inputs, stacked_rows, test_part
 from exosight.app.report import Picture, Report, Section, write_report, write_tables
 from exosight.control.estimator import OnnxEstimator, Reading
 from exosight.evaluation import (
     Cell,
     Column,
     Coverage,
+    OodDetection,
     Scores,
     Table,
-    Unlikeness,
     calibration_table,
     contact_table,
     detail_table,
     evaluate_baselines,
     evaluate_details,
     evaluate_intervals,
-    evaluate_unlikeness,
+    evaluate_ood_detection,
     figures,
     interval_table,
     largest_table,
     mean_table,
+    ood_detection_table,
     robustness_table,
     score,
-    unlikeness_table,
 )
 from exosight.evaluation.robustness import CLEAN
 from exosight.files import as_csv, write_new_file
@@ -62,7 +62,7 @@ class Evaluation:
     """"clean" and each corruption of the images → what is read off them, with intervals of USUAL."""
     intervals: Coverage
     """Of the clean images, at every level."""
-    unlike: tuple[Unlikeness, ...]
+    ood: tuple[OodDetection, ...]
     """Held-out changes and pictures of other things."""
     baselines: dict[str, Scores]
     """What can be told of the same frames without a picture; empty for another dataset."""
@@ -102,7 +102,7 @@ class Evaluation:
             self._shifts(),
             interval_table("intervals", "Intervals, clean images", self.intervals),
             calibration_table("calibration", "Calibration error of the intervals", self.intervals),
-            unlikeness_table("unlike", "Images unlike those learned from", self.unlike),
+            ood_detection_table("ood", "Images unlike those learned from", self.ood),
         )
 
     @property
@@ -116,13 +116,13 @@ class Evaluation:
             Column("images"),
             Column("mean", "%", "inside", 1),
             Column("lowest contact", "%", "inside", 1),
-            Column("flagged as unlike", "%", digits=1),
+            Column("flagged as OOD", "%", digits=1),
         )
         rows: list[tuple[Cell, ...]] = []
         for name, reading in self.readings.items():
             ends = {USUAL: (reading.low, reading.high)}
             inside = 100 * evaluate_intervals(self.true, reading.forces, ends).at(USUAL)
-            flagged = 100 * float(np.mean(reading.unlike > 1))
+            flagged = 100 * float(np.mean(reading.ood_score > 1))
             rows.append((name.replace("-", ", "), float(inside.mean()), float(inside.min()), flagged))
         note = f"Intervals that promise {100 * USUAL:g} % on clean images, over C1…C7."
         return Table("shifts", "Intervals and trust on degraded images", columns, tuple(rows), note)
@@ -136,7 +136,7 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
 
     card, frames = estimator.card, data.frames
     index, meaning = test_part(card, data)
-    rows = stacked_rows(frames, card.past)[index]
+    rows = stacked_rows(frames, card.history)[index]
     # A network that sees earlier images may see some beyond those that it is judged on.
     seen = np.concatenate([index, np.setdiff1d(rows, index)])
     place = np.empty(len(frames), np.intp)
@@ -145,12 +145,12 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
     images = pictures[: len(index)]
 
     def look(pictures: Images, levels: Sequence[float]) -> dict[float, Reading]:
-        own = beside(pictures, place[rows], frames.u[index], card)
+        own = inputs(pictures, place[rows], frames.u[index], card)
         return estimator.read_levels(pictures[: len(index)], levels, own)
 
-    def unlike(others: Images, where: Int[np.ndarray, " frames"]) -> Float32[np.ndarray, " frames"]:
-        own = beside(pictures, place[rows[where]], frames.u[index[where]], card)
-        return estimator.read(others, beside=own).unlike
+    def ood(others: Images, where: Int[np.ndarray, " frames"]) -> Float32[np.ndarray, " frames"]:
+        own = inputs(pictures, place[rows[where]], frames.u[index[where]], card)
+        return estimator.read(others, inputs=own).ood_score
 
     with _counted(look, (1 + len(CORRUPTIONS)) * len(seen)) as read:
         clean = read(pictures, LEVELS)
@@ -164,7 +164,7 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
             shape_id=frames.shape_id[index],
             readings={CLEAN: usual, **degraded},
             intervals=evaluate_intervals(true, usual.forces, ends),
-            unlike=evaluate_unlikeness(unlike, images, usual.unlike, seed),
+            ood=evaluate_ood_detection(ood, images, usual.ood_score, seed),
             baselines=_baselines(estimator, data) if len(index) < len(frames) else {},
         )
 

@@ -15,9 +15,9 @@ from exosight.control.estimator import OnnxEstimator
 from exosight.control.guard import GuardConfig, Guarded
 from exosight.control.realtime import Step, run_live, timings
 from exosight.control.recording import Recorder
-from exosight.control.rig import SimulatedRig
 from exosight.control.scheduled import Scheduled
 from exosight.control.simulated import SimulatedPlant
+from exosight.control.simulated_device import SimulatedDevice
 from exosight.control.sources import Crop, open_source
 from exosight.control.tuning import tune
 from exosight.evaluation.tables import Column, Table
@@ -41,7 +41,7 @@ class Log:
             self._say(f"{step.time:7.1f} s  {step.state.value}: {step.cause}")
         if int(step.time) > self._told:
             self._told = int(step.time)
-            reading = step.sight.reading
+            reading = step.measurement.reading
             force = "no estimate" if reading is None else f"F_net {reading.forces.sum():.3f} N"
             self._say(f"{step.time:7.1f} s  {force}, target {step.target:g} N, u {step.u:.2f} N")
 
@@ -95,9 +95,9 @@ def on_simulation(
     """Look at a simulated exosuit, and actuate it; arguments of `tune` are its limits."""
     network = OnnxEstimator.load(model, alone=True)
     guarded = Guarded(Scheduled(tune(exosuit, **limits)))
-    rig = SimulatedRig(SimulatedPlant(exosuit, camera_of(network.card)))
+    device = SimulatedDevice(SimulatedPlant(exosuit, camera_of(network.card)))
     with _written(record, network, guarded, model, log) as done, _stoppable():
-        run_live(rig, network.read, guarded, rig, target, done)
+        run_live(device, network.read, guarded, device, target, done)
 
 
 def on_camera(

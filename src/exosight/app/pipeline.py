@@ -27,13 +27,13 @@ from exosight.dataset.manifest import sampled_shapes
 from exosight.dataset.stream import stream
 from exosight.errors import InputError
 from exosight.exosuit.scenarios import geometry
-from exosight.learning.beside import APART, Beside
 from exosight.learning.config import TrainConfig
-from exosight.learning.fresh import Block, Blocks
 from exosight.learning.history import EpochRecord
 from exosight.learning.model_file import ModelCard
+from exosight.learning.model_inputs import HISTORY_SPACING, ModelInputs
+from exosight.learning.online_simulation import FrameBlock, FrameBlocks
+from exosight.learning.process_group import SINGLE, ProcessGroup
 from exosight.learning.samples import stacks
-from exosight.learning.team import ALONE, Team
 from exosight.vision.camera import Camera
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def check_training() -> None:
     from exosight.learning import export_onnx, train  # noqa: F401
 
 
-def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Split]:
+def widened(data: Data, split: Split, extra_data: Iterable[Data]) -> tuple[Frames, Split]:
     """The frames of a dataset and of others, and its split with the others' among those to learn from.
 
     Frames of shapes that the split keeps for validation or testing are left out of the others, whatever
@@ -87,18 +87,18 @@ def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Spl
     kept = data.frames.shape_id[np.concatenate([split.validation, split.test])]
     judged = {shapes[number] for number in np.unique(kept).tolist()}
     parts = [data.frames]
-    for other in more:
+    for other in extra_data:
         mine, own = other.manifest, data.manifest
         if (mine.camera, mine.dofs) != (own.camera, own.dofs):
             raise InputError(
                 "train: expected datasets of one camera and plant, got several; generate them alike"
             )
-        fresh = [
+        others = [
             s.shape_id
             for s in sampled_shapes(mine)
             if geometry(s.shape) not in judged and s.shape.surface.family != split.held_out
         ]
-        chosen = np.isin(other.frames.shape_id, fresh)
+        chosen = np.isin(other.frames.shape_id, others)
         if split.held_out and split.edge is not None:
             if split.held_out not in other.variation:
                 raise InputError(
@@ -113,19 +113,19 @@ def widened(data: Data, split: Split, more: Iterable[Data]) -> tuple[Frames, Spl
 
 
 def identity(
-    data: Data, split: Split, more: Sequence[Manifest] = (), start: ModelCard | None = None
+    data: Data, split: Split, extra_data: Sequence[Manifest] = (), start: ModelCard | None = None
 ) -> dict[str, str | int | float]:
     """What a network remembers of its data: which dataset, which camera, which part of it, which others.
 
-    more   datasets learned from as a whole
-    start  of the network that it goes on from, whose data count among the others
+    extra_data  datasets learned from as a whole
+    start       of the network that it goes on from, whose data count among the others
     """
     whole = dataset_identity(data.manifest)
-    others = [(str(dataset_identity(other)["sha256"]), str(other.seed)) for other in more]
+    others = [(str(dataset_identity(other)["sha256"]), str(other.seed)) for other in extra_data]
     hashes, seeds = ([entry[i] for entry in others] for i in range(2))
     if start:
-        hashes += [*_listed(start, "sha256"), *_listed(start, "more")]
-        seeds += [*_listed(start, "seed"), *_listed(start, "more_seeds")]
+        hashes += [*_listed(start, "sha256"), *_listed(start, "extra_data")]
+        seeds += [*_listed(start, "seed"), *_listed(start, "extra_data_seeds")]
     camera = whole.pop("camera")
     return {
         **whole,
@@ -133,8 +133,8 @@ def identity(
         "protocol": split.protocol,
         "split_seed": split.seed,
         "held_out": split.held_out or "",
-        "more": _joined(hashes, own=str(whole["sha256"])),
-        "more_seeds": _joined(seeds, own=str(whole["seed"])),
+        "extra_data": _joined(hashes, own=str(whole["sha256"])),
+        "extra_data_seeds": _joined(seeds, own=str(whole["seed"])),
     }
 
 
@@ -144,30 +144,33 @@ def fit(
     config: TrainConfig,
     folder: Path,
     *,
-    more: Sequence[Path] = (),
-    fresh: int = 0,
+    extra_data: Sequence[Path] = (),
+    online_shapes: int = 0,
     pretrained: "Pretrained | None" = None,
     resume: bool,
     progress: Callable[[int, int], None] = lambda done, total: None,
-    team: Team = ALONE,
+    group: ProcessGroup = SINGLE,
 ) -> tuple[EpochRecord, ...]:
     """Train a network, export it to `folder/model.onnx`, and return its loss curves.
 
-    more        folders of datasets to learn from as well, without what `split` keeps for judging, see
-                `widened`
-    fresh       shapes of each scenario simulated anew for each epoch, see `exosight.dataset.stream`
-    pretrained  the network to start from, see `exosight.learning.load_pretrained`; None: random weights
-    team        the processes that train together, see `exosight.learning.parallel`; the first exports
+    extra_data     folders of datasets to learn from as well, without what `split` keeps for judging, see
+                   `widened`
+    online_shapes  shapes of each scenario simulated anew for each epoch, see `exosight.dataset.stream`
+    pretrained     the network to start from, see `exosight.learning.load_pretrained`; None: random weights
+    group          the processes that train together, see `exosight.learning.parallel`; the first exports
     """
     from exosight.learning import export_onnx, train
 
     if pretrained:
         _check_unseen(pretrained.card, data, split)
     start = pretrained.card if pretrained else None
-    about = {**identity(data, split, [read_manifest(folder) for folder in more], start), "fresh": fresh}
-    frames, wider = widened(data, split, map(load, more))  # one at a time: they are large
-    if config.past:
-        about[APART] = _apart(data.frames)
+    about = {
+        **identity(data, split, [read_manifest(folder) for folder in extra_data], start),
+        "online_shapes": online_shapes,
+    }
+    frames, wider = widened(data, split, map(load, extra_data))  # one at a time: they are large
+    if config.history:
+        about[HISTORY_SPACING] = _apart(data.frames)
     result = train(
         config,
         frames.images,
@@ -179,16 +182,16 @@ def fit(
         auxiliary=auxiliary(frames),
         u=frames.u,
         previous=previous(frames),
-        fresh=_fresh(data, fresh) if fresh else None,
+        online_blocks=_online_blocks(data, online_shapes) if online_shapes else None,
         pretrained=pretrained,
         resume=resume,
         progress=lambda at: progress(at.step, at.steps),
-        team=team,
+        group=group,
     )
-    if team.first and not (folder / MODEL).exists():
+    if group.first and not (folder / MODEL).exists():
         kept = split.validation
         images, forces = data.frames.images, data.frames.forces[kept]
-        seen = beside(images, stacked_rows(data.frames, config.past)[kept], data.frames.u[kept], config)
+        seen = inputs(images, stacked_rows(data.frames, config.history)[kept], data.frames.u[kept], config)
         export_onnx(folder, folder / MODEL, images[kept], forces, seen)
     return result.history
 
@@ -201,11 +204,13 @@ def _check_unseen(pretrained: ModelCard, data: Data, split: Split) -> None:
     seed = str(data.manifest.seed)
     # Of one seed a division is the same where as many exosuits are divided.
     alike = there == asked and known.get("shapes") == len(np.unique(data.frames.shape_id))
-    if mine in _listed(pretrained, "more"):
+    if mine in _listed(pretrained, "extra_data"):
         problem = "learned from the whole of this dataset"
     elif known.get("sha256") == mine and there != asked:
         problem = f"learned from this dataset divided otherwise (by {there[0]}, split seed {there[1]})"
-    elif seed in _listed(pretrained, "more_seeds") or (seed in _listed(pretrained, "seed") and not alike):
+    elif seed in _listed(pretrained, "extra_data_seeds") or (
+        seed in _listed(pretrained, "seed") and not alike
+    ):
         problem = f"learned from exosuits of the same seed, {seed}"
     elif split.protocol == "family" and there[2] != split.held_out:
         problem = f"learned from the family {split.held_out}"
@@ -228,39 +233,41 @@ def _joined(entries: Iterable[str], own: str) -> str:
     return ", ".join(entry for entry in dict.fromkeys(entries) if entry != own)
 
 
-def stacked_rows(frames: Frames, past: int) -> Int[np.ndarray, "frames stack"]:
+def stacked_rows(frames: Frames, history: int) -> Int[np.ndarray, "frames stack"]:
     """The frames of a dataset that a network sees of each: its own, then those before it, newest first."""
-    return stacks(previous(frames), past, len(frames))
+    return stacks(previous(frames), history, len(frames))
 
 
-def beside(
+def inputs(
     images: UInt8[np.ndarray, "images height width"],
     rows: Int[np.ndarray, "frames stack"],
     u: Float32[np.ndarray, " frames"],
     asked: ModelCard | TrainConfig,
-) -> Beside:
+) -> ModelInputs:
     """What a network asks for beside the first of the images in each row."""
-    return Beside(images[rows[:, 1:]] if asked.past else None, u if asked.actuation else None)
+    return ModelInputs(images[rows[:, 1:]] if asked.history else None, u if asked.actuation else None)
 
 
 def _apart(frames: Frames) -> float:
     """The usual change of u from a frame to the next of its path [N]; InputError if none follows another."""
     steps = np.abs(frames.u - frames.u[previous(frames)])
     if not steps.any():
-        raise InputError("past: expected frames along paths of u, got none after another; train without past")
+        raise InputError(
+            "history: expected frames along paths of u, got none after another; train without history"
+        )
     return round(float(np.median(steps[steps > 0])), 6)
 
 
-def _fresh(data: Data, per_scenario: int) -> Blocks:
+def _online_blocks(data: Data, per_scenario: int) -> FrameBlocks:
     """Blocks of frames as those of the dataset, of shapes that it does not have."""
 
-    def blocks(first: int) -> Generator[Block, None, None]:
+    def blocks(first: int) -> Generator[FrameBlock, None, None]:
         known = TypeAdapter(GenerateConfig).validate_python(data.manifest.config)
         with stream(
             replace(known, per_scenario=per_scenario), exclude=sampled_shapes(data.manifest), start=first
         ) as found:
             for frames in found:
-                yield Block(frames.images, frames.forces, auxiliary(frames), frames.u, previous(frames))
+                yield FrameBlock(frames.images, frames.forces, auxiliary(frames), frames.u, previous(frames))
 
     return blocks
 
@@ -278,11 +285,11 @@ def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], 
     of warning where it has learned from them, or may have.
     """
     mine = dataset_identity(data.manifest)["sha256"]
-    if mine in _listed(card, "more"):
+    if mine in _listed(card, "extra_data"):
         return np.arange(len(data.frames)), "all frames of a dataset that the network has learned from"
     if card.data.get("sha256") != mine:
         seed, doubt = str(data.manifest.seed), ""
-        if seed in _listed(card, "seed") + _listed(card, "more_seeds"):
+        if seed in _listed(card, "seed") + _listed(card, "extra_data_seeds"):
             doubt = f", of whose exosuits the network may know some, as it learned from seed {seed}"
         return np.arange(len(data.frames)), f"all frames of another dataset{doubt}"
     try:

@@ -17,7 +17,7 @@ from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import draw_episode
 from exosight.control.stress.frames import camera_sensor, true_sensor
 from exosight.control.stress.measures import RELEASE_SECONDS, Measured, measure_episode, summary
-from exosight.control.stress.suite import Bare, Controller, Traces, run_episodes
+from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
 from exosight.control.tuning import CONTACT_LIMIT, tune
 from exosight.evaluation import Column, Table, figures
 from exosight.evaluation.figures.stress import Spread
@@ -64,7 +64,7 @@ def _controllers(
     limits: ControllerConfig, gains: Sequence[float], count: int
 ) -> dict[str, Sequence[Controller]]:
     def paper(gain: float) -> Sequence[Controller]:
-        return [Bare(Proportional(gain)) for _ in range(count)]
+        return [Unguarded(Proportional(gain)) for _ in range(count)]
 
     guarded: Sequence[Controller] = [Guarded(Scheduled(limits)) for _ in range(count)]
     return {GUARDED: guarded, **{f"K_P = {gain:g}": paper(gain) for gain in gains}}

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from exosight.app.console import progress, say
+from exosight.app.control_command import run_trials, write_trials
 from exosight.app.output import new_folder
 from exosight.app.pipeline import AUXILIARY, MODEL, Data, camera_of, check_training, fit, load
 from exosight.app.report import write_report, write_tables
 from exosight.app.results import Judgement, RobustnessSummary, SteeredLoop, TrainingRun
 from exosight.app.study_config import CONFIG, PRESETS, RunConfig, StudyConfig, read_config, to_text
 from exosight.app.study_report import Results, build_report, steered_loop
-from exosight.app.trials import run_trials, write_trials
 from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, from_image
 from exosight.control.estimator import DEFAULT_MODEL
 from exosight.dataset import Split, make_split

@@ -17,8 +17,8 @@ _SPLIT_WORDS = {"shape": "by shape", "frame": "by frame"}
 
 
 def _of_one_image(training: TrainConfig) -> TrainConfig:
-    if training.past or training.actuation:
-        raise ValueError("expected networks that read one image: a study knows neither past nor actuation")
+    if training.history or training.actuation:
+        raise ValueError("expected networks that read one image: a study knows neither history nor actuation")
     return training
 
 

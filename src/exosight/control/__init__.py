@@ -1,31 +1,31 @@
 """Force control: the loop between a plant and an estimator.
 
-plant       what a controller can actuate and look at
-simulated   that plant as a simulation (needs JAX: `exosight.control.simulated`)
-estimator   contact forces from images
-calibration a network whose errors on one exosuit are known (needs JAX: `exosight.control.calibration`)
-batch       many simulated plants side by side (needs JAX: `exosight.control.batch`)
-memory      what a network is shown beside the next image: earlier ones, u
-laws        from target and measured force to the next actuation
-loop        measure, ask the law, actuate, step after step
-paths       what a controller knows of its exosuit: force paths up and down, limits
-scheduled   a law with the gains of those paths, and limits on actuation and on every contact
-tuning      those paths from a simulation (needs JAX: `exosight.control.tuning`)
-guard       what may be trusted, and what to do when it may not: normal, slow, hold, release
-guarded     the loop with that law and guard in it
-sources     frames of a camera, a video, a folder of pictures
-actuators   what carries u to the exosuit
-realtime    the guarded loop at a fixed rate, which always ends at u = 0
-rig         a simulated plant in the place of camera and actuator (needs JAX: `exosight.control.rig`)
-recording   such a run as one file, and its frames through network and guard again
-responses   settling, overshoot, steady-state error
-trials      the paper's three constant targets and three step responses
-stress      many random episodes in which much goes wrong
+plant             what a controller can actuate and look at
+simulated         that plant as a simulation (needs JAX: `exosight.control.simulated`)
+estimator         contact forces from images
+calibration       a network whose errors on one exosuit are known (needs JAX: `exosight.control.calibration`)
+batch             many simulated plants side by side (needs JAX: `exosight.control.batch`)
+frame_history     what a network is shown beside the next image: earlier ones, u
+laws              from target and measured force to the next actuation
+loop              measure, ask the law, actuate, step after step
+paths             what a controller knows of its exosuit: force paths up and down, limits
+scheduled         a law with the gains of those paths, and limits on actuation and on every contact
+tuning            those paths from a simulation (needs JAX: `exosight.control.tuning`)
+guard             what may be trusted, and what to do when it may not: normal, slow, hold, release
+guarded           the loop with that law and guard in it
+sources           frames of a camera, a video, a folder of pictures
+actuators         what carries u to the exosuit
+realtime          the guarded loop at a fixed rate, which always ends at u = 0
+simulated_device  a simulated plant in the place of camera and actuator (needs JAX)
+recording         such a run as one file, and its frames through network and guard again
+responses         settling, overshoot, steady-state error
+trials            the paper's three constant targets and three step responses
+stress            many random episodes in which much goes wrong
 """
 
 from exosight.control.estimator import Estimator, OnnxEstimator, Reader
-from exosight.control.guard import GuardConfig, Guarded, Sight, State, Transition
-from exosight.control.guarded import Sense, run_guarded, sight_from, true_sight
+from exosight.control.guard import GuardConfig, Guarded, Measurement, State, Transition
+from exosight.control.guarded import Sense, measurement_from, run_guarded, true_measurement
 from exosight.control.laws import Law, OpenLoop, Proportional
 from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_force
 from exosight.control.paths import ControllerConfig, ForcePath
@@ -44,6 +44,7 @@ __all__ = [
     "Guarded",
     "Law",
     "Measure",
+    "Measurement",
     "Observation",
     "OnnxEstimator",
     "OpenLoop",
@@ -54,7 +55,6 @@ __all__ = [
     "Response",
     "Scheduled",
     "Sense",
-    "Sight",
     "State",
     "Transition",
     "Trial",
@@ -62,10 +62,10 @@ __all__ = [
     "hold",
     "hold_and_release",
     "judge_response",
+    "measurement_from",
     "run",
     "run_guarded",
-    "sight_from",
     "study",
     "true_force",
-    "true_sight",
+    "true_measurement",
 ]

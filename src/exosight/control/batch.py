@@ -15,7 +15,7 @@ from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, assemble, obser
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import radius
 from exosight.exosuit.simulation import PATH_STEP
-from exosight.mechanics import JointTorque, Robot, march, stack
+from exosight.mechanics import JointTorque, Robot, stack, step_batch
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.vision.camera import Camera
 from exosight.vision.renderer import render
@@ -102,7 +102,7 @@ class BatchPlant:
         self._finger = np.stack([e.finger.radii for e in exosuits]).astype(float)
         nothing = np.zeros((len(exosuits), 1 + self._hinges))
         unstrained = np.zeros((len(exosuits), self._own.dofs))
-        rest = march(self._own, unstrained, nothing, nothing, np.ones(len(exosuits), int), options)
+        rest = step_batch(self._own, unstrained, nothing, nothing, np.ones(len(exosuits), int), options)
         if not rest.converged.all():
             raise ConvergenceError(
                 f"{int((~rest.converged).sum())} of {len(exosuits)} unloaded exosuits have no stable pose; "
@@ -162,7 +162,7 @@ class BatchPlant:
         # The margin keeps round-off in u from adding a step.
         walked = np.ceil(np.abs(u - self._loads[:, 0]) / self.path_step - 1e-9)
         steps = np.maximum(1, np.maximum(walked, np.ceil(turn / REST_STEP - 1e-9))).astype(int)
-        reached = march(self._robots, self._q, self._loads, end, steps, self._options)
+        reached = step_batch(self._robots, self._q, self._loads, end, steps, self._options)
         self._q, self._loads = reached.q, reached.loads
         return self._look(reached.converged)
 

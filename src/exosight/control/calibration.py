@@ -83,7 +83,9 @@ class Calibrated:
         return weight * (first + share[nearest] * (second - first))
 
 
-def calibrate(estimator: Reader, exosuit: Exosuit, config: ControllerConfig, camera: Camera) -> Calibrated:
+def calibrate_estimator(
+    estimator: Reader, exosuit: Exosuit, config: ControllerConfig, camera: Camera
+) -> Calibrated:
     """The network with its errors on this exosuit's path known.
 
     config   of this exosuit, from `tune`

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float32, UInt8
 
 from exosight.errors import DataError, InputError
-from exosight.learning.beside import NOTHING, Beside, check_beside, stacked
 from exosight.learning.intervals import interval
 from exosight.learning.model_file import OUTPUTS, ModelCard, open_model
+from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 
 DEFAULT_MODEL = Path(__file__).parents[1] / "models" / "light.onnx"
 """The network that comes with the package; its card lies beside it."""
@@ -41,7 +41,7 @@ class Reading:
     """upper end [N]"""
     contact: Float32[np.ndarray, "frames 7"]
     """probability that there is contact [-]"""
-    unlike: Float32[np.ndarray, " frames"]
+    ood_score: Float32[np.ndarray, " frames"]
     """how unlike those learned from an image is, as a share of what is still trusted: above 1, do not"""
 
 
@@ -84,19 +84,21 @@ class OnnxEstimator:
         if it asks for more than it will be shown.
         """
         session, card = open_model(path, threads)
-        if alone and (card.past or card.actuation):
+        if alone and (card.history or card.actuation):
             raise InputError(
-                f"{path}: expected a network that reads one image alone, got one that asks for past "
-                f"{card.past} and actuation {card.actuation}; give OnnxEstimator.read its Beside in Python, "
+                f"{path}: expected a network that reads one image alone, got one that asks for history "
+                f"{card.history} and actuation {card.actuation}; give OnnxEstimator.read its ModelInputs, "
                 "use exosight evaluate or control, or choose another network"
             )
         return OnnxEstimator(session, card)
 
-    def estimate(self, images: np.ndarray, beside: Beside = NOTHING) -> Float32[np.ndarray, "frames 7"]:
+    def estimate(
+        self, images: np.ndarray, inputs: ModelInputs = IMAGE_ONLY
+    ) -> Float32[np.ndarray, "frames 7"]:
         """Forces on C1…C7 [N], one row an image; arguments and errors as for `read`."""
-        return self.read(images, beside=beside).forces
+        return self.read(images, inputs=inputs).forces
 
-    def read(self, images: np.ndarray, level: float = 0.9, beside: Beside = NOTHING) -> Reading:
+    def read(self, images: np.ndarray, level: float = 0.9, inputs: ModelInputs = IMAGE_ONLY) -> Reading:
         """Forces, intervals and contact.
 
         images    (frames, height, width)  uint8 gray values, of the size that the network was trained on
@@ -107,10 +109,10 @@ class OnnxEstimator:
         Raises InputError for images of another type or size, or something else beside them; DataError if the
         network answers no number.
         """
-        return self.read_levels(images, (level,), beside)[level]
+        return self.read_levels(images, (level,), inputs)[level]
 
     def read_levels(
-        self, images: np.ndarray, levels: Sequence[float], beside: Beside = NOTHING
+        self, images: np.ndarray, levels: Sequence[float], inputs: ModelInputs = IMAGE_ONLY
     ) -> dict[float, Reading]:
         """The same with the intervals of several levels, for the work of one: level → reading."""
         size = (self.card.image_height, self.card.image_width)
@@ -119,23 +121,23 @@ class OnnxEstimator:
                 f"images: this estimator needs uint8 (frames, {size[0]}, {size[1]}), got {images.dtype} "
                 f"{images.shape}; render or resize them to {size[0]}×{size[1]} pixels"
             )
-        check_beside(images, beside, self.card.past, self.card.actuation)
+        check_inputs(images, inputs, self.card.history, self.card.actuation)
         found = np.empty((3, len(images), len(self.card.contacts)), np.float32)
-        unlike = np.empty(len(images), np.float32)
+        ood_score = np.empty(len(images), np.float32)
         for start in range(0, len(images), _BATCH):
             part = slice(start, start + _BATCH)
-            own = Beside(*(None if x is None else x[part] for x in (beside.past, beside.u)))
+            own = ModelInputs(*(None if x is None else x[part] for x in (inputs.history, inputs.u)))
             given = {"image": stacked(images[part], own).astype(np.float32) / np.float32(255)}
             if own.u is not None:
                 given["u"] = own.u
-            *found[:, part], unlike[part] = self.session.run(list(OUTPUTS), given)
-        if not (np.isfinite(found).all() and np.isfinite(unlike).all()):
+            *found[:, part], ood_score[part] = self.session.run(list(OUTPUTS), given)
+        if not (np.isfinite(found).all() and np.isfinite(ood_score).all()):
             raise DataError("the network answers forces that are not finite; train and export it again")
         forces, expected_error, contact = found
-        unlike /= np.float32(self.card.unlike_limit)
+        ood_score /= np.float32(self.card.ood_limit)
         return {
             level: Reading(
-                forces, *interval(self.card.widths, level, forces, expected_error), contact, unlike
+                forces, *interval(self.card.widths, level, forces, expected_error), contact, ood_score
             )
             for level in levels
         }

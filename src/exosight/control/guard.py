@@ -47,8 +47,8 @@ class State(Enum):
 class GuardConfig:
     """When a frame is bad, when it is doubtful, and how long each state lasts."""
 
-    doubtful_unlike: Annotated[float, Field(gt=0, le=1)] = 0.8
-    """unlike-image score from which on an estimate is doubtful; above 1 the frame is bad [-]"""
+    doubtful_ood_score: Annotated[float, Field(gt=0, le=1)] = 0.8
+    """OOD score from which on an estimate is doubtful; above 1 the frame is bad [-]"""
     doubtful_width: Annotated[float, Field(gt=0)] = 0.3
     """width of the intervals of C1…C7, summed up, from which on an estimate is doubtful [N]"""
     oldest: Annotated[float, Field(gt=0)] = 0.5
@@ -76,7 +76,7 @@ class GuardConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class Measurement:
     """What is known of the plant in one step; all of it may be missing or wrong.
 
     image    (height, width)  gray 0…255; None: no frame came
@@ -111,7 +111,7 @@ class Transition:
 
 @dataclass
 class Guarded:
-    """A law behind its guard: `step` answers any sight with an actuation within amplitude and rate limits.
+    """A law behind its guard: `step` answers any measurement with a u within amplitude and rate limits.
 
     law     what drives while all is well
     guard   what is trusted
@@ -146,7 +146,7 @@ class Guarded:
         self._frame: np.ndarray | None = None
         self._frame_u = 0.0
 
-    def step(self, target: float | Float[np.ndarray, "7"], sight: Sight) -> float:
+    def step(self, target: float | Float[np.ndarray, "7"], measurement: Measurement) -> float:
         """The actuation of the coming step [N].
 
         target    F_t [N], or one for each of C1…C7
@@ -157,9 +157,9 @@ class Guarded:
             raise InputError(f"target force: expected finite newtons, got {target}")
         self._steps += 1
         self._inside += 1
-        fault = self._fault(sight)
-        forces = None if fault or sight.reading is None else sight.reading.forces[0].astype(float)
-        doubt = fault or self._doubt(sight, float(np.sum(target)), forces)
+        fault = self._fault(measurement)
+        forces = None if fault or measurement.reading is None else measurement.reading.forces[0].astype(float)
+        doubt = fault or self._doubt(measurement, float(np.sum(target)), forces)
         self._bad = self._bad + 1 if fault else 0
         self._good = 0 if fault else self._good + 1
         self._sure = 0 if doubt else self._sure + 1
@@ -170,7 +170,7 @@ class Guarded:
         elif self.state is State.HOLD or forces is None:
             wanted = u
         else:
-            at = self._then(sight.age) if sight.u is None else sight.u
+            at = self._then(measurement.age) if measurement.u is None else measurement.u
             wanted = self.law.next(target, float(forces.sum()), forces, at)
             if self.state is State.SLOW and wanted > max(u, 0.0):
                 wanted = u + self.guard.slow * (wanted - u)
@@ -185,29 +185,29 @@ class Guarded:
         back = min(round(age / self.config.period), len(self._past) - 1)
         return self._past[-1 - back]
 
-    def _fault(self, sight: Sight) -> str:
+    def _fault(self, measurement: Measurement) -> str:
         """Why this frame must not be acted on; empty if it may."""
-        guard, image, reading = self.guard, sight.image, sight.reading
+        guard, image, reading = self.guard, measurement.image, measurement.reading
         if image is None or image.size == 0:
             return "no frame"
-        if not 0 <= sight.age <= guard.oldest:
-            return f"a stale frame, {sight.age:.2f} s old"
+        if not 0 <= measurement.age <= guard.oldest:
+            return f"a stale frame, {measurement.age:.2f} s old"
         if int(image.max()) - int(image.min()) < guard.least_contrast:
             return "a black or blank frame"
-        if self._is_frozen(image, self._then(sight.age)):
+        if self._is_frozen(image, self._then(measurement.age)):
             return "a frozen frame, the same bit by bit"
-        if sight.u is not None and not abs(sight.u - self._then(sight.age)) <= guard.astray:
-            return f"the plant stands at u = {sight.u:.2f} N, not where it was told to"
+        if measurement.u is not None and not abs(measurement.u - self._then(measurement.age)) <= guard.astray:
+            return f"the plant stands at u = {measurement.u:.2f} N, not where it was told to"
         if reading is None:
             return "no estimate"
         rows = np.concatenate([reading.forces, reading.low, reading.high])
-        if rows.shape != (3, 7) or reading.unlike.shape != (1,):
+        if rows.shape != (3, 7) or reading.ood_score.shape != (1,):
             return "an estimate of another shape"
         # NaN fails in each of these.
         if not (np.abs(rows) <= _LARGEST).all() or not (rows[1] <= rows[2]).all():
             return "an estimate that is no force"
-        if not reading.unlike[0] <= 1:
-            return f"an image unlike those learned from, score {reading.unlike[0]:.2f}"
+        if not reading.ood_score[0] <= 1:
+            return f"an out-of-distribution image, score {reading.ood_score[0]:.2f}"
         return ""
 
     def _is_frozen(self, image: np.ndarray, then: float) -> bool:
@@ -219,18 +219,18 @@ class Guarded:
         moved = abs(then - self._frame_u) >= self.guard.frozen_move
         return moved or 0 < self.guard.frozen_frames <= self._same
 
-    def _doubt(self, sight: Sight, target: float, forces: np.ndarray | None) -> str:
+    def _doubt(self, measurement: Measurement, target: float, forces: np.ndarray | None) -> str:
         """Why this frame is acted on with care only; empty if it is trusted."""
-        if forces is None or sight.reading is None:
+        if forces is None or measurement.reading is None:
             return "no estimate"
         short = forces.sum() < target and self._past[-1] >= self.config.u_max
         self._at_limit = self._at_limit + 1 if short else 0
-        width = float((sight.reading.high - sight.reading.low).sum())
-        unlike = float(sight.reading.unlike[0])
+        width = float((measurement.reading.high - measurement.reading.low).sum())
+        ood_score = float(measurement.reading.ood_score[0])
         if width >= self.guard.doubtful_width:
             return f"an estimate that may be {width:.2f} N off"
-        if unlike >= self.guard.doubtful_unlike:
-            return f"an image rather unlike those learned from, score {unlike:.2f}"
+        if ood_score >= self.guard.doubtful_ood_score:
+            return f"an image close to out of distribution, score {ood_score:.2f}"
         if self._at_limit >= self.guard.limit_steps:
             return f"the target is not reached at the largest u, {self.config.u_max:.2f} N"
         return ""

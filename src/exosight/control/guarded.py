@@ -6,28 +6,28 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.control.estimator import Reader, Reading, read_one
-from exosight.control.guard import Guarded, Sight
+from exosight.control.guard import Guarded, Measurement
 from exosight.control.loop import Record, run
 from exosight.control.plant import Observation, Plant
 
-Sense = Callable[[Observation], Sight]
+Sense = Callable[[Observation], Measurement]
 """What the guard is shown of an observation; wrap it to delay, drop or spoil frames."""
 
 
-def sight_from(estimator: Reader) -> Sense:
+def measurement_from(estimator: Reader) -> Sense:
     """Picture, estimate, interval and score; a network that answers no number has answered nothing."""
 
-    def sense(observation: Observation) -> Sight:
-        return Sight(observation.image, read_one(estimator.read, observation.image), u=observation.u)
+    def sense(observation: Observation) -> Measurement:
+        return Measurement(observation.image, read_one(estimator.read, observation.image), u=observation.u)
 
     return sense
 
 
-def true_sight(observation: Observation) -> Sight:
+def true_measurement(observation: Observation) -> Measurement:
     """The picture with the forces that the simulation knows: a perfect estimator, sure of itself."""
     forces = observation.forces[None, 1:].astype(np.float32)
     pressing = (forces > 0).astype(np.float32)
-    return Sight(
+    return Measurement(
         observation.image, Reading(forces, forces, forces, pressing, np.zeros(1, np.float32)), u=observation.u
     )
 
@@ -46,17 +46,17 @@ def run_guarded(plant: Plant, guarded: Guarded, sense: Sense, target: Float[np.n
 
 
 class _Driver:
-    """A guarded controller as law and measurement of `run`: each sight is acted on once."""
+    """A guarded controller as law and measurement of `run`: each measurement is acted on once."""
 
     def __init__(self, guarded: Guarded, sense: Sense) -> None:
-        self._guarded, self._sense, self._sight = guarded, sense, Sight()
+        self._guarded, self._sense, self._measurement = guarded, sense, Measurement()
 
     def reset(self) -> None:
         self._guarded.reset()
 
     def measure(self, observation: Observation) -> float:
-        self._sight = self._sense(observation)
-        return self._sight.net_force
+        self._measurement = self._sense(observation)
+        return self._measurement.net_force
 
     def next(self, target: float, measured: float) -> float:
-        return self._guarded.step(target, self._sight)
+        return self._guarded.step(target, self._measurement)

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from exosight.control.estimator import Estimator, OnnxEstimator
+from exosight.control.frame_history import FrameHistory
 from exosight.control.laws import Law
-from exosight.control.memory import Memory
 from exosight.control.plant import Observation, Plant
 from exosight.errors import InputError
 
@@ -26,11 +26,11 @@ def from_image(estimator: Estimator) -> Measure:
     """
     if not isinstance(estimator, OnnxEstimator):
         return lambda observation: float(estimator.estimate(observation.image[None])[0].sum())
-    memory = Memory(estimator.card)
+    history = FrameHistory(estimator.card)
 
     def measure(observation: Observation) -> float:
         image = observation.image
-        return float(estimator.estimate(image[None], memory.beside(image, observation.u))[0].sum())
+        return float(estimator.estimate(image[None], history.inputs(image, observation.u))[0].sum())
 
     return measure
 

@@ -15,7 +15,7 @@ from jaxtyping import Float, UInt8
 
 from exosight.control.actuators import Actuator
 from exosight.control.estimator import Reading, read_one
-from exosight.control.guard import Guarded, Sight, State
+from exosight.control.guard import Guarded, Measurement, State
 from exosight.control.paths import limited
 from exosight.control.sources import Frame, Source
 from exosight.errors import InputError
@@ -32,7 +32,7 @@ class Step:
 
     time     since the first step began [s]
     target   F_t [N]
-    sight    what the guard was shown
+    measurement    what the guard was shown
     forces   (7,)  true forces on C1…C7 [N]; None: nobody knows
     u        actuation that was asked for [N]
     state    of the guard after it
@@ -43,7 +43,7 @@ class Step:
 
     time: float
     target: float
-    sight: Sight
+    measurement: Measurement
     forces: Float[np.ndarray, "7"] | None
     u: float
     state: State
@@ -97,21 +97,25 @@ def run_live(
             seen = clock.now()
             reading = None if frame is None else read_one(read, frame.image)
             estimated = clock.now()
-            sight = Sight() if frame is None else _sight(frame, reading, estimated)
+            measurement = Measurement() if frame is None else _measurement(frame, reading, estimated)
             changes = len(guarded.log)
-            u = guarded.step(force, sight)
+            u = guarded.step(force, measurement)
             decided = clock.now()
             actuator.apply(u)
             seconds = np.diff([started, seen, estimated, decided, clock.now()])
             cause = guarded.log[-1].cause if len(guarded.log) > changes else ""
             known = None if frame is None else frame.forces
-            done(Step(started - begin, float(force), sight, known, u, guarded.state, cause, seconds, late))
+            done(
+                Step(
+                    started - begin, float(force), measurement, known, u, guarded.state, cause, seconds, late
+                )
+            )
     finally:
         _let_go(guarded, actuator, u, clock)
 
 
-def _sight(frame: Frame, reading: Reading | None, now: float) -> Sight:
-    return Sight(frame.image, reading, age=now - frame.time, u=frame.u)
+def _measurement(frame: Frame, reading: Reading | None, now: float) -> Measurement:
+    return Measurement(frame.image, reading, age=now - frame.time, u=frame.u)
 
 
 def _let_go(guarded: Guarded, actuator: Actuator, u: float, clock: Clock) -> None:

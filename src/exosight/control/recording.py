@@ -20,7 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from exosight import __version__
 from exosight.control.estimator import Reading, read_one
-from exosight.control.guard import GuardConfig, Guarded, Sight, State
+from exosight.control.guard import GuardConfig, Guarded, Measurement, State
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.realtime import STAGES, Step
 from exosight.control.scheduled import Scheduled
@@ -48,7 +48,7 @@ COLUMNS = {
     "low": ("f4", (7,), "N", "lower ends of their intervals"),
     "high": ("f4", (7,), "N", "upper ends"),
     "contact": ("f4", (7,), "-", "probabilities of contact"),
-    "unlike": ("f4", (), "-", "score of an image unlike those learned from; trusted up to 1"),
+    "ood_score": ("f4", (), "-", "score of an out-of-distribution image; trusted up to 1"),
     "forces_true": ("f8", (7,), "N", "true forces, C1 to C7; NaN: nobody knows"),
     "state": ("i1", (), "", "of the guard: " + ", ".join(f"{i} {s.value}" for i, s in enumerate(STATES))),
     "cause": (_CAUSE, (), "", "of a change of state in this step"),
@@ -82,7 +82,7 @@ class Recording:
     low: Float32[np.ndarray, "steps 7"]
     high: Float32[np.ndarray, "steps 7"]
     contact: Float32[np.ndarray, "steps 7"]
-    unlike: Float32[np.ndarray, " steps"]
+    ood_score: Float32[np.ndarray, " steps"]
     forces_true: Float[np.ndarray, "steps 7"]
     state: Int8[np.ndarray, " steps"]
     cause: np.ndarray
@@ -215,19 +215,19 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
     guarded = Guarded(Scheduled(recording.controller), recording.guard)
     forces, u, state = np.zeros_like(recording.forces), np.zeros(len(recording)), recording.state.copy()
     for i in range(len(recording)):
-        sight = Sight()
+        measurement = Measurement()
         if recording.seen[i]:
             reading = read_one(read, recording.images[i])
             if reading is not None:
                 forces[i] = reading.forces[0]
             reported = float(recording.u_reported[i])
-            sight = Sight(
+            measurement = Measurement(
                 recording.images[i],
                 reading,
                 float(recording.age[i]),
                 None if np.isnan(reported) else reported,
             )
-        u[i] = guarded.step(float(recording.target[i]), sight)
+        u[i] = guarded.step(float(recording.target[i]), measurement)
         state[i] = STATES.index(guarded.state)
     return Replay(forces, u, state)
 
@@ -291,23 +291,23 @@ def _column(file: h5py.File, name: str) -> np.ndarray:
 
 
 def _row(step: Step, shape: tuple[int, int]) -> dict[str, Any]:
-    sight, reading = step.sight, step.sight.reading
+    measurement, reading = step.measurement, step.measurement.reading
     nothing = np.zeros(7, np.float32)
     unknown = np.full(7, np.nan)
     return {
-        "images": np.zeros(shape, np.uint8) if sight.image is None else sight.image,
+        "images": np.zeros(shape, np.uint8) if measurement.image is None else measurement.image,
         "time": step.time,
         "target": step.target,
         "u": step.u,
-        "u_reported": np.nan if sight.u is None else sight.u,
-        "age": sight.age,
-        "seen": sight.image is not None,
+        "u_reported": np.nan if measurement.u is None else measurement.u,
+        "age": measurement.age,
+        "seen": measurement.image is not None,
         "estimated": reading is not None,
         "forces": nothing if reading is None else reading.forces[0],
         "low": nothing if reading is None else reading.low[0],
         "high": nothing if reading is None else reading.high[0],
         "contact": nothing if reading is None else reading.contact[0],
-        "unlike": 0.0 if reading is None else reading.unlike[0],
+        "ood_score": 0.0 if reading is None else reading.ood_score[0],
         "forces_true": unknown if step.forces is None else step.forces,
         "state": STATES.index(step.state),
         "cause": step.cause.encode()[:160],

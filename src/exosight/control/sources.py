@@ -46,11 +46,11 @@ class Frame:
 
 
 Source = Iterator[Frame | None]
-Frames = Generator[Frame | None, None, None]
+FrameStream = Generator[Frame | None, None, None]
 """A source that is to be closed in the end."""
 
 
-def open_source(name: str, width: int, height: int, crop: Crop | None = None) -> Frames:
+def open_source(name: str, width: int, height: int, crop: Crop | None = None) -> FrameStream:
     """The frames of a camera ("0", "1", …), a folder of pictures, or a video file.
 
     width, height  of the pictures that the network takes [pixels]
@@ -71,7 +71,7 @@ def open_source(name: str, width: int, height: int, crop: Crop | None = None) ->
     )
 
 
-def pictures(folder: Path, width: int, height: int) -> Frames:
+def pictures(folder: Path, width: int, height: int) -> FrameStream:
     """The pictures of a folder in the order of their names, one each time; DataError if there are none."""
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
     if not files:
@@ -80,7 +80,7 @@ def pictures(folder: Path, width: int, height: int) -> Frames:
     return (Frame(read_gray(path, width, height), time.monotonic()) for path in files)
 
 
-def video(path: Path, width: int, height: int, crop: Crop | None = None) -> Frames:
+def video(path: Path, width: int, height: int, crop: Crop | None = None) -> FrameStream:
     """The frames of a video file, one each time, none left out; DataError if it cannot be read."""
     capture = _opened(str(path), f"{path}: not a video that can be read; give an MP4 or AVI file")
     shape = round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)), round(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
@@ -88,7 +88,7 @@ def video(path: Path, width: int, height: int, crop: Crop | None = None) -> Fram
     return _frames(capture, width, height, crop)
 
 
-def _frames(capture: Any, width: int, height: int, crop: Crop | None) -> Frames:
+def _frames(capture: Any, width: int, height: int, crop: Crop | None) -> FrameStream:
     try:
         while True:
             taken, picture = capture.read()
@@ -99,7 +99,7 @@ def _frames(capture: Any, width: int, height: int, crop: Crop | None) -> Frames:
         capture.release()
 
 
-def camera(number: int, width: int, height: int, crop: Crop | None = None) -> Frames:
+def camera(number: int, width: int, height: int, crop: Crop | None = None) -> FrameStream:
     """The newest frame of a camera, None before the first, the same again if there is no newer one.
 
     A thread of its own empties the camera's buffer, so that no frame waits in it; the time of a frame is that
@@ -117,7 +117,7 @@ def camera(number: int, width: int, height: int, crop: Crop | None = None) -> Fr
     return _newest(capture, number, width, height, crop)
 
 
-def _newest(capture: Any, number: int, width: int, height: int, crop: Crop | None) -> Frames:
+def _newest(capture: Any, number: int, width: int, height: int, crop: Crop | None) -> FrameStream:
     with _grabbing(capture) as grabbed:
         last, frame = time.monotonic(), None
         while True:

@@ -15,7 +15,7 @@ from exosight.dataset.card import write_card
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.engine import on_cluster
 from exosight.dataset.frames import CAUSES, Frames
-from exosight.dataset.job import Job, Record, finished, identity, opened, write_record
+from exosight.dataset.job import ChunkRecord, GenerationJob, finished, identity, opened, write_record
 from exosight.dataset.manifest import (
     LARGEST_FRAMES,
     MANIFEST,
@@ -24,7 +24,7 @@ from exosight.dataset.manifest import (
     read_manifest,
     write_manifest,
 )
-from exosight.dataset.simulation import simulate
+from exosight.dataset.simulation import simulate_shapes
 from exosight.dataset.store import write_chunk
 from exosight.dataset.variation import variation_columns
 from exosight.errors import DataError, InputError
@@ -61,7 +61,7 @@ def generate(
     """
     shapes = _shapes(config.per_scenario, config.seed)
     _check_size(config, len(shapes))
-    job = Job(config, _shapes_per_chunk(config))
+    job = GenerationJob(config, _shapes_per_chunk(config))
     groups = job.groups(len(shapes))
     folder = folder.resolve()
     with opened(folder, job, resume=resume):
@@ -90,8 +90,8 @@ def generate(
 
 
 def make_chunk(
-    folder: Path, job: Job, number: int, done: Callable[[int], None] = lambda shapes: None
-) -> Record:
+    folder: Path, job: GenerationJob, number: int, done: Callable[[int], None] = lambda shapes: None
+) -> ChunkRecord:
     """Make one chunk of a job, unless the folder has it: any number of processes may, in any order.
 
     done   called with the number of shapes finished, as they finish
@@ -108,14 +108,16 @@ def make_chunk(
     group = job.groups(len(shapes))[number]
     record = finished(folder, job, number, group)
     if record is None:
-        frames, dropped = simulate(job.config, [shapes[i] for i in group], done)
+        frames, dropped = simulate_shapes(job.config, [shapes[i] for i in group], done)
         record = _store(folder, job, number, frames, dropped)
     return record
 
 
-def _store(folder: Path, job: Job, number: int, frames: Frames, dropped: dict[str, int]) -> Record:
+def _store(
+    folder: Path, job: GenerationJob, number: int, frames: Frames, dropped: dict[str, int]
+) -> ChunkRecord:
     try:
-        record = Record(
+        record = ChunkRecord(
             job=identity(job),
             number=number,
             entry=write_chunk(folder, number, frames, variation_columns(job.config, frames))
@@ -131,7 +133,7 @@ def _store(folder: Path, job: Job, number: int, frames: Frames, dropped: dict[st
     return record
 
 
-def _complete(folder: Path, records: list[Record | None]) -> Manifest | None:
+def _complete(folder: Path, records: list[ChunkRecord | None]) -> Manifest | None:
     """The manifest of a folder whose chunks are whole, if it is there and is theirs."""
     try:
         manifest = read_manifest(folder)
@@ -142,7 +144,7 @@ def _complete(folder: Path, records: list[Record | None]) -> Manifest | None:
 
 
 def _finish(
-    folder: Path, config: GenerateConfig, shapes: tuple[SampledShape, ...], records: list[Record]
+    folder: Path, config: GenerateConfig, shapes: tuple[SampledShape, ...], records: list[ChunkRecord]
 ) -> Manifest:
     """Card and manifest of a folder that has all its chunks."""
     dropped = {cause: sum(record.dropped[cause] for record in records) for cause in CAUSES}

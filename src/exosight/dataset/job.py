@@ -32,7 +32,7 @@ LARGEST_RECORD = 2**20  # [bytes]; a record takes under 1 KiB
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class Job:
+class GenerationJob:
     """What is to be made; every chunk follows from this and its number."""
 
     config: GenerateConfig
@@ -51,7 +51,7 @@ class Job:
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class Record:
+class ChunkRecord:
     """What is known of a chunk that has been made."""
 
     job: str
@@ -68,16 +68,16 @@ class Record:
     """Frames left out, by cause."""
 
 
-_JOB, _RECORD = TypeAdapter(Job), TypeAdapter(Record)
+_JOB, _RECORD = TypeAdapter(GenerationJob), TypeAdapter(ChunkRecord)
 
 
-def identity(job: Job) -> str:
+def identity(job: GenerationJob) -> str:
     """What tells one job from another: the checksum of all that decides what its chunks hold."""
     return hashlib.sha256(_to_text(_JOB, job)).hexdigest()
 
 
 @contextmanager
-def opened(folder: Path, job: Job, *, resume: bool) -> Iterator[None]:
+def opened(folder: Path, job: GenerationJob, *, resume: bool) -> Iterator[None]:
     """The folder of this job, new or resumed, which no other process opens meanwhile.
 
     Raises DataError if the folder is in use, holds something else or cannot be made or written, InputError
@@ -103,7 +103,7 @@ def opened(folder: Path, job: Job, *, resume: bool) -> Iterator[None]:
         yield
 
 
-def finished(folder: Path, job: Job, number: int, shapes: range) -> Record | None:
+def finished(folder: Path, job: GenerationJob, number: int, shapes: range) -> ChunkRecord | None:
     """The record of a chunk of this job if its file is whole, else None."""
     path = folder / _record_name(number)
     try:
@@ -124,7 +124,7 @@ def finished(folder: Path, job: Job, number: int, shapes: range) -> Record | Non
     return record if whole else None
 
 
-def write_record(folder: Path, record: Record) -> None:
+def write_record(folder: Path, record: ChunkRecord) -> None:
     """Say that a chunk is whole, after its file."""
     replace_file(folder / _record_name(record.number), _to_text(_RECORD, record))
 
@@ -152,7 +152,7 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(lock)
 
 
-def _check_same(path: Path, job: Job) -> None:
+def _check_same(path: Path, job: GenerationJob) -> None:
     """Raise unless a job's file says what this job is."""
     content = path.read_bytes() if path.stat().st_size <= LARGEST_RECORD else b""
     try:
@@ -197,5 +197,5 @@ def _record_name(number: int) -> str:
     return chunk_name(number).replace(".h5", ".json")
 
 
-def _to_text(adapter: TypeAdapter, values: Job | Record) -> bytes:
+def _to_text(adapter: TypeAdapter, values: GenerationJob | ChunkRecord) -> bytes:
     return json.dumps(adapter.dump_python(values, mode="json"), indent=1).encode() + b"\n"

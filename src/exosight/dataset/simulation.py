@@ -25,7 +25,7 @@ MAX_STEP = 0.1
 branch of the hysteresis, and with any step some do (docs/log.md)."""
 
 
-def simulate(
+def simulate_shapes(
     config: GenerateConfig,
     shapes: Sequence[SampledShape],
     done: Callable[[int], None] = lambda shapes: None,

@@ -110,12 +110,12 @@ def _produce(
 
 
 def _simulated(config: GenerateConfig, excluded: set[tuple[float, bytes]], number: int) -> Iterator[Frames]:
-    from exosight.dataset.simulation import simulate
+    from exosight.dataset.simulation import simulate_shapes
 
     empty = 0
     while empty < EMPTY_BLOCKS:
         shapes = block_shapes(config, number, excluded)
-        frames = simulate(config, shapes)[0] if shapes else ()
+        frames = simulate_shapes(config, shapes)[0] if shapes else ()
         empty = 0 if len(frames) else empty + 1
         if isinstance(frames, Frames) and len(frames):
             yield frames

@@ -3,7 +3,7 @@
 metrics           RMSE, RMS% of range and Pearson's r of C1…C7
 details           R², contact or none, rare errors, loading against unloading
 coverage          whether intervals hold what they promise
-unlikeness        whether the score for unlike images tells
+ood_detection     whether the OOD score tells
 robustness        forces from noisy and low-contrast images
 identifiability   the smallest force that one view resolves, whatever reads it
 baselines         what is known of the forces without a picture
@@ -16,6 +16,7 @@ from exosight.evaluation.baselines import evaluate_baselines
 from exosight.evaluation.coverage import Coverage, calibration_table, evaluate_intervals, interval_table
 from exosight.evaluation.details import Detail, detail_table, evaluate_details
 from exosight.evaluation.metrics import CONTACTS, ContactMetrics, Scores, Spread, score
+from exosight.evaluation.ood_detection import OodDetection, auroc, evaluate_ood_detection, ood_detection_table
 from exosight.evaluation.robustness import evaluate_robustness
 from exosight.evaluation.tables import (
     Cell,
@@ -26,7 +27,6 @@ from exosight.evaluation.tables import (
     mean_table,
     robustness_table,
 )
-from exosight.evaluation.unlikeness import Unlikeness, auroc, evaluate_unlikeness, unlikeness_table
 
 __all__ = [
     "CONTACTS",
@@ -35,10 +35,10 @@ __all__ = [
     "ContactMetrics",
     "Coverage",
     "Detail",
+    "OodDetection",
     "Scores",
     "Spread",
     "Table",
-    "Unlikeness",
     "auroc",
     "calibration_table",
     "contact_table",
@@ -46,12 +46,12 @@ __all__ = [
     "evaluate_baselines",
     "evaluate_details",
     "evaluate_intervals",
+    "evaluate_ood_detection",
     "evaluate_robustness",
-    "evaluate_unlikeness",
     "interval_table",
     "largest_table",
     "mean_table",
+    "ood_detection_table",
     "robustness_table",
     "score",
-    "unlikeness_table",
 ]

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.errors import InputError
+from exosight.learning.samples import CONTACTS
 
-CONTACTS = ("C1", "C2", "C3", "C4", "C5", "C6", "C7")
 NET_FORCE = "F_net"
 
 

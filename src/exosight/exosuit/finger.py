@@ -10,7 +10,7 @@ import numpy as np
 from exosight.errors import InputError
 from exosight.mechanics import Link, Revolute
 
-CONTACTS = tuple(f"C{i}" for i in range(8))
+SPHERES = tuple(f"C{i}" for i in range(8))
 """The finger's spheres: at the base and the centre of mass of each link, base link first."""
 
 JOINT_LIMIT_STIFFNESS = 5.0

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from exosight.errors import InputError
-from exosight.ranges import rising
+from exosight.validation import rising
 
 Factor = Annotated[float, Field(ge=0.1, le=10.0)]
 Angle = Annotated[float, Field(ge=-0.5, le=0.5)]

@@ -7,7 +7,7 @@ import pydantic
 
 from exosight import __version__
 from exosight.exosuit.shapes import FAMILIES, ranges
-from exosight.lab.settings import LARGEST, STEP, Corruption, Disturbance, Law, Run, Sensor, View
+from exosight.lab.settings import LARGEST, STEP, Corruption, Disturbance, Law, LoopSettings, Sensor, View
 
 
 @dataclass(frozen=True)
@@ -97,13 +97,13 @@ _DISTURBANCE_WORDS = {
 
 def about() -> dict[str, Any]:
     """All that the page needs to build itself, as JSON values."""
-    view, run = View(), Run()
+    view, run = View(), LoopSettings()
     bounds = pydantic.TypeAdapter(View).json_schema()["properties"]
     groups = {
         name: [asdict(_slider(*words, bounds, view)) for words in sliders]
         for name, sliders in _GROUPS.items()
     }
-    of_run = pydantic.TypeAdapter(Run).json_schema()["properties"]
+    of_run = pydantic.TypeAdapter(LoopSettings).json_schema()["properties"]
     return {
         "version": __version__,
         "start": pydantic.TypeAdapter(View).dump_python(view, mode="json"),
@@ -125,7 +125,13 @@ def about() -> dict[str, Any]:
 
 
 def _slider(
-    key: str, label: str, unit: str, scale: float, step: float, bounds: dict[str, Any], start: View | Run
+    key: str,
+    label: str,
+    unit: str,
+    scale: float,
+    step: float,
+    bounds: dict[str, Any],
+    start: View | LoopSettings,
 ) -> Slider:
     low, high = bounds[key]["minimum"], bounds[key]["maximum"]
     return Slider(key, label, unit, scale, low, high, step, getattr(start, key))

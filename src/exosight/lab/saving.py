@@ -8,11 +8,11 @@ from typing import Any
 
 import pydantic
 
-from exosight.exosuit.finger import CONTACTS
+from exosight.exosuit.finger import SPHERES
 from exosight.files import as_csv, write_new_file
+from exosight.lab.pose_cache import PoseCache
 from exosight.lab.settings import View
 from exosight.lab.views import Seen, exosuit_of, path_of, png_of, see
-from exosight.lab.worn import Wardrobe
 
 
 def command_of(view: View) -> str:
@@ -34,9 +34,9 @@ def _word(value: float | str) -> str:
 def forces_csv(seen: Seen) -> str:
     """True and estimated forces, a row a contact and one for F_net; empty where the network says nothing."""
     header = ("contact", "true [N]", "estimated [N]", "from [N]", "to [N]", "contact probability")
-    rows: list[Sequence[Any]] = [(CONTACTS[0], float(seen.pose.forces[0]), "", "", "", "")]
+    rows: list[Sequence[Any]] = [(SPHERES[0], float(seen.pose.forces[0]), "", "", "", "")]
     reading = seen.reading
-    for i, name in enumerate(CONTACTS[1:]):
+    for i, name in enumerate(SPHERES[1:]):
         estimated = (
             float(each[0, i]) for each in (reading.forces, reading.low, reading.high, reading.contact)
         )
@@ -53,9 +53,9 @@ def path_csv(path: dict[str, Any]) -> str:
 
 def write_view(view: View, folder: Path) -> None:
     """Write picture, forces, path and settings of a view into an empty folder."""
-    wardrobe = Wardrobe()
-    seen = see(view, wardrobe)
+    poses = PoseCache()
+    seen = see(view, poses)
     write_new_file(folder / "picture.png", png_of(seen.image))
     write_new_file(folder / "forces.csv", forces_csv(seen).encode())
-    write_new_file(folder / "path.csv", path_csv(path_of(wardrobe.wear(exosuit_of(view)))).encode())
+    write_new_file(folder / "path.csv", path_csv(path_of(poses.get(exosuit_of(view)))).encode())
     write_new_file(folder / "view.json", pydantic.TypeAdapter(View).dump_json(view, indent=1) + b"\n")

@@ -26,14 +26,14 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
 from exosight.errors import ExosightError, InputError
+from exosight.lab.closed_loop import Step, Stopped, run_trial
 from exosight.lab.controls import about
-from exosight.lab.door import LOOPBACK, Door, read_body
+from exosight.lab.pose_cache import STEP, PoseCache
 from exosight.lab.saving import command_of, forces_csv, path_csv
-from exosight.lab.settings import Run, Settings, View, read_settings
-from exosight.lab.trials import Step, Stopped, run_trial
+from exosight.lab.security import LOOPBACK, SecurityMiddleware, read_body
+from exosight.lab.settings import LoopSettings, Settings, View, read_settings
 from exosight.lab.uploads import LARGEST_UPLOAD, estimate
 from exosight.lab.views import PATH_DRIVES, answer, exosuit_of, path_of, png_of, see
-from exosight.lab.worn import STEP, Wardrobe
 
 _LARGEST_SETTINGS = 64 * 2**10  # bytes
 _CONNECTIONS = 512  # at a time; a browser opens up to six a page
@@ -48,13 +48,13 @@ class _Lab:
     """What the addresses share.
 
     start      the view that pages open with
-    wardrobe   exosuits asked for last
+    poses   exosuits asked for last
     slots      views worked out at a time
     runs       closed loops at a time
     """
 
     start: View
-    wardrobe: Wardrobe = field(default_factory=Wardrobe)
+    poses: PoseCache = field(default_factory=PoseCache)
     slots: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(2))
     runs: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
     ready: "asyncio.Task[None] | None" = None
@@ -70,8 +70,8 @@ class _Lab:
 
     def warm_up(self) -> None:
         """Compile all that a view needs."""
-        see(self.start, self.wardrobe)
-        path_of(self.wardrobe.wear(exosuit_of(self.start)))
+        see(self.start, self.poses)
+        path_of(self.poses.get(exosuit_of(self.start)))
 
 
 def application(start: View, hosts: frozenset[str] | None, token: str | None) -> Starlette:
@@ -99,22 +99,22 @@ def application(start: View, hosts: frozenset[str] | None, token: str | None) ->
 
     async def view(request: Request) -> Response:
         settings = await _settings(request, View)
-        return _json(await lab.work(request, _answer, settings, lab.wardrobe))
+        return _json(await lab.work(request, _answer, settings, lab.poses))
 
     async def path(request: Request) -> Response:
         return _json(await _path(request, await _settings(request, View)))
 
     async def _path(request: Request, settings: View) -> dict[str, Any]:
-        worn = lab.wardrobe.wear(exosuit_of(settings))
+        cached = lab.poses.get(exosuit_of(settings))
         for drive in PATH_DRIVES:  # in parts: other requests come in between
-            await lab.work(request, worn.at, drive)
-        return await lab.work(request, path_of, worn)
+            await lab.work(request, cached.at, drive)
+        return await lab.work(request, path_of, cached)
 
     async def save(request: Request) -> Response:
         settings, name = await _settings(request, View), request.path_params["name"]
         if name == "path.csv":
             return _file(path_csv(await _path(request, settings)).encode(), name)
-        seen = await lab.work(request, see, settings, lab.wardrobe)
+        seen = await lab.work(request, see, settings, lab.poses)
         if name == "forces.csv":
             return _file(forces_csv(seen).encode(), name)
         if name == "picture.png":
@@ -126,7 +126,7 @@ def application(start: View, hosts: frozenset[str] | None, token: str | None) ->
         return _json(await lab.work(request, estimate, data))
 
     async def trial(request: Request) -> Response:
-        settings = await _settings(request, Run)
+        settings = await _settings(request, LoopSettings)
         assert lab.ready is not None
         await asyncio.shield(lab.ready)
         return StreamingResponse(_lines(settings, lab.runs), media_type="application/x-ndjson")
@@ -142,7 +142,7 @@ def application(start: View, hosts: frozenset[str] | None, token: str | None) ->
             Route("/api/trial", trial, methods=["POST"]),
             Route("/{name}", page),
         ],
-        middleware=[Middleware(Door, hosts=hosts, token=token)],
+        middleware=[Middleware(SecurityMiddleware, hosts=hosts, token=token)],
         exception_handlers={
             ExosightError: _wrong,
             HTTPException: _refused,
@@ -157,14 +157,14 @@ async def _settings(request: Request, kind: type[Settings]) -> Settings:
     return read_settings(kind, await read_body(request, _LARGEST_SETTINGS, "application/json"))
 
 
-def _answer(settings: View, wardrobe: Wardrobe) -> dict[str, Any]:
-    seen = see(settings, wardrobe)
+def _answer(settings: View, poses: PoseCache) -> dict[str, Any]:
+    seen = see(settings, poses)
     shortest = pydantic.TypeAdapter(View).dump_python(settings)
     shortest["drive"] = tuple(STEP * k for k in seen.rest.drive)
     return {**answer(settings, exosuit_of(settings), seen), "command": command_of(View(**shortest))}
 
 
-async def _lines(settings: Run, runs: asyncio.Semaphore) -> AsyncIterator[bytes]:
+async def _lines(settings: LoopSettings, runs: asyncio.Semaphore) -> AsyncIterator[bytes]:
     """The steps of a run, a line of JSON each; a line with `error` ends it early."""
     steps: asyncio.Queue[Step | None] = asyncio.Queue()
     loop, gone = asyncio.get_running_loop(), threading.Event()

@@ -80,7 +80,7 @@ class View:
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class Run:
+class LoopSettings:
     """One run of the closed loop on the exosuit and the camera of a view."""
 
     view: View = Field(default_factory=View)
@@ -97,7 +97,7 @@ class Run:
     """what goes wrong"""
 
 
-Settings = TypeVar("Settings", View, Run)
+Settings = TypeVar("Settings", View, LoopSettings)
 
 
 def shape_of(view: View) -> ExosuitShape:

@@ -12,18 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from exosight.control import Guarded, OnnxEstimator, Scheduled, Sight
+from exosight.control import Guarded, Measurement, OnnxEstimator, Scheduled
 from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.tuning import ACTUATION_RATE, CONTACT_LIMIT
 from exosight.dataset.frames import CAUSES
 from exosight.dataset.simulation import first_cause
 from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, observe, varied
-from exosight.exosuit.finger import CONTACTS
+from exosight.exosuit.finger import SPHERES
 from exosight.exosuit.shapes import radius
 from exosight.exosuit.variation import Variant
+from exosight.lab.pose_cache import STRIDE, TOP, CachedExosuit, PoseCache, Rest
 from exosight.lab.settings import LARGEST, STEP, View, shape_of
-from exosight.lab.worn import STRIDE, TOP, Rest, Wardrobe, Worn
 from exosight.vision.appearance import (
     BACKGROUND_KINDS,
     OCCLUSION_KINDS,
@@ -94,14 +94,14 @@ def exosuit_of(view: View) -> Exosuit:
     )
 
 
-def see(view: View, wardrobe: Wardrobe) -> Seen:
+def see(view: View, poses: PoseCache) -> Seen:
     """Everything that one view shows."""
-    worn = wardrobe.wear(exosuit_of(view))
-    rest = worn.at(drive_of(view))
+    cached = poses.get(exosuit_of(view))
+    rest = cached.at(drive_of(view))
     pose = jax.tree.map(
-        lambda leaf: np.asarray(leaf)[0], observe(worn.stacked, jnp.asarray(rest.q)[None, None])
+        lambda leaf: np.asarray(leaf)[0], observe(cached.stacked, jnp.asarray(rest.q)[None, None])
     )
-    clean = picture(worn.exosuit, pose, CAMERA)
+    clean = picture(cached.exosuit, pose, CAMERA)
     image = photograph(view, clean)
     reading = network().read(image)
     one: Pose = jax.tree.map(lambda leaf: leaf[0], pose)
@@ -151,7 +151,7 @@ def judge(image: UInt8[np.ndarray, "height width"], reading: Reading) -> tuple[s
     """
     guarded = Guarded(Scheduled(_AT_REST))
     for _ in range(guarded.guard.bad_frames):
-        guarded.step(0.0, Sight(image, reading))
+        guarded.step(0.0, Measurement(image, reading))
     cause = guarded.log[-1].cause if guarded.log else "picture and estimate can be trusted"
     return guarded.state.value, cause
 
@@ -171,14 +171,14 @@ _AT_REST = ControllerConfig(
 )
 
 
-def answer(view: View, worn: Exosuit, seen: Seen) -> dict[str, Any]:
+def answer(view: View, cached: Exosuit, seen: Seen) -> dict[str, Any]:
     """A view as JSON values: millimetres and newtons."""
     notes = [_WORDS[cause] for cause in _causes(seen)]
     return {
         "drive": [round(STEP * k, 2) for k in seen.rest.drive],
         "converged": seen.rest.converged,
         "notes": notes,
-        "scene": scene_of(worn, seen.pose),
+        "scene": scene_of(cached, seen.pose),
         "image": base64.b64encode(png_of(seen.image)).decode(),
         "true": [round(float(force), 5) for force in seen.pose.forces],
         "F_net": round(float(seen.pose.net_force), 5),
@@ -193,13 +193,13 @@ def _causes(seen: Seen) -> list[str]:
     return [] if cause == len(CAUSES) else [CAUSES[cause]]
 
 
-def scene_of(worn: Exosuit, pose: Pose) -> dict[str, Any]:
+def scene_of(cached: Exosuit, pose: Pose) -> dict[str, Any]:
     """What is drawn of a pose: axes and radii of both bodies, and the forces; [mm] and [N], x and z."""
     return {
         "exosuit": _millimetres(pose.centreline[:, ::2]),
-        "exosuit_radius": _millimetres(radius(worn.shape.surface, QUADRATURE.points)),
+        "exosuit_radius": _millimetres(radius(cached.shape.surface, QUADRATURE.points)),
         "finger": _millimetres(pose.finger[:, ::2]),
-        "finger_radius": _millimetres(np.array(worn.finger.radii)),
+        "finger_radius": _millimetres(np.array(cached.finger.radii)),
         "contacts": [
             {
                 "name": name,
@@ -208,7 +208,7 @@ def scene_of(worn: Exosuit, pose: Pose) -> dict[str, Any]:
                 "force": [round(float(f), 5) for f in force[::2]],
             }
             for name, size, at, force in zip(
-                CONTACTS, worn.finger.sphere_radii(), pose.spheres, pose.pushes, strict=True
+                SPHERES, cached.finger.sphere_radii(), pose.spheres, pose.pushes, strict=True
             )
         ],
     }
@@ -229,7 +229,7 @@ def reading_of(reading: Reading) -> dict[str, Any]:
         "low": rounded(reading.low),
         "high": rounded(reading.high),
         "contact": rounded(reading.contact),
-        "unlike": round(float(reading.unlike[0]), 3),
+        "ood_score": round(float(reading.ood_score[0]), 3),
         "F_net": round(float(reading.forces.sum()), 5),
     }
 
@@ -246,12 +246,12 @@ PATH_DRIVES: tuple[tuple[int, ...], ...] = (
 """Drives whose equilibria, one after the other, make the path 0 → 4 → 0 N known, in parts of one call."""
 
 
-def path_of(worn: Worn) -> dict[str, Any]:
+def path_of(cached: CachedExosuit) -> dict[str, Any]:
     """F_net [N] at every load of 0 → 4 → 0 N."""
     steps = range(0, TOP + 1, STRIDE)
-    ways = [[worn.at((k,)) for k in steps], [worn.at((TOP, k)) for k in steps]]
+    ways = [[cached.at((k,)) for k in steps], [cached.at((TOP, k)) for k in steps]]
     up, down = (
-        np.asarray(observe(worn.stacked, np.stack([rest.q for rest in way])[None]).net_force)[0]
+        np.asarray(observe(cached.stacked, np.stack([rest.q for rest in way])[None]).net_force)[0]
         for way in ways
     )
     return {

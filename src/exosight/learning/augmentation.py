@@ -18,7 +18,7 @@ FADED = 0.4
 takes a quarter to all of what is left above. The paper tests with two such ranges."""
 
 
-def augment(
+def augment_batch(
     images: UInt8[np.ndarray, "batch stack height width"], seed: int, epoch: int, step: int, part: int = 0
 ) -> Float32[np.ndarray, "batch stack height width"]:
     """Training images as the network gets them, in [0, 1]; each part of a step has draws of its own.

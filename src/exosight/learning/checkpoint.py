@@ -20,7 +20,7 @@ from torch import Tensor, nn
 import exosight
 from exosight.errors import DataError, InputError
 from exosight.files import replace_file
-from exosight.learning.config import MOST_PAST, Settings
+from exosight.learning.config import LONGEST_HISTORY, Settings
 from exosight.learning.history import EpochRecord
 from exosight.learning.networks import ForceModel, ImageSize, Network, build_network
 from exosight.learning.samples import CONTACTS
@@ -52,7 +52,7 @@ class RunIdentity:
             self.image_size,
             len(self.auxiliary_scale),
             settings.seed,
-            settings.past,
+            settings.history,
             settings.actuation,
         )
 
@@ -223,8 +223,8 @@ def _contradiction(checkpoint: Checkpoint) -> str | None:
         return f"force_scale is {run.force_scale}"
     if len(run.auxiliary_scale) > 1000 or not all(0 < x < math.inf for x in run.auxiliary_scale):
         return f"auxiliary_scale is {run.auxiliary_scale[:3]}, …"
-    if not 0 <= run.settings.past <= MOST_PAST:
-        return f"past is {run.settings.past}"
+    if not 0 <= run.settings.history <= LONGEST_HISTORY:
+        return f"history is {run.settings.history}"
     if [record.epoch for record in history] != list(range(1, position.epoch + 1)):
         return f"{position.epoch} epochs done, but {len(history)} in the history"
     validated = {record.epoch for record in history if record.validation_loss is not None}

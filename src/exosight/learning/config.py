@@ -6,15 +6,15 @@ from typing import Annotated, Literal
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
+from exosight.cpu import cores
 from exosight.errors import InputError
 from exosight.learning.recipes import RECIPES
-from exosight.machine import cores
 
 NetworkName = Literal["light", "paper"]
 RecipeName = Literal["modern", "clean", "paper"]
 Precision = Literal["float32", "bfloat16"]
 
-MOST_PAST = 8
+LONGEST_HISTORY = 8
 """Earlier images that a network may see at most."""
 
 PRETRAINED_SHARE = 1 / 3
@@ -41,7 +41,7 @@ class TrainConfig:
     """images a step; default: the recipe's"""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """decides the first weights and the order of the images"""
-    past: Annotated[int, Field(ge=0, le=MOST_PAST)] = 0
+    history: Annotated[int, Field(ge=0, le=LONGEST_HISTORY)] = 0
     """earlier images of the same exosuit that the light network sees beside the one it reads"""
     actuation: bool = False
     """whether the light network is told the actuation u [N] as well"""
@@ -67,7 +67,7 @@ class Settings:
     device: Literal["cpu", "cuda"]
     precision: Precision
     # Last, and with defaults: checkpoints of runs that were begun without them are read as well.
-    past: int = 0
+    history: int = 0
     actuation: bool = False
     pretrained: str = ""
     """SHA-256 of the network that it started from; empty where the first weights were random"""
@@ -77,21 +77,21 @@ def resolve(
     config: TrainConfig,
     device: Literal["cpu", "cuda"],
     precision: Precision,
-    neighbours: int = 1,
+    local_size: int = 1,
     pretrained: str = "",
 ) -> Settings:
     """Spell out the defaults.
 
     device, precision   what `auto` means on this machine, which only PyTorch can tell
-    neighbours          processes that share the cores of this machine, itself included
+    local_size          processes that share the cores of this machine, itself included
     pretrained          SHA-256 of the network to start from, if there is one
 
     Raises InputError if the paper's network is to see more than the image.
     """
-    if config.network == "paper" and (config.past or config.actuation):
+    if config.network == "paper" and (config.history or config.actuation):
         raise InputError(
             "the paper network sees one image and nothing else, got "
-            f"past {config.past} and actuation {config.actuation}; use the light one"
+            f"history {config.history} and actuation {config.actuation}; use the light one"
         )
     recipe = config.recipe or _RECIPE_OF_NETWORK[config.network]
     share = PRETRAINED_SHARE if pretrained else 1
@@ -102,10 +102,10 @@ def resolve(
         learning_rate=config.learning_rate or share * RECIPES[recipe].learning_rate,
         batch=config.batch or RECIPES[recipe].batch,
         seed=config.seed,
-        threads=config.threads or max(1, cores() // neighbours),
+        threads=config.threads or max(1, cores() // local_size),
         device=device,
         precision=RECIPES[recipe].precision or precision if config.precision == "auto" else config.precision,
-        past=config.past,
+        history=config.history,
         actuation=config.actuation,
         pretrained=pretrained,
     )

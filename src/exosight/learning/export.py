@@ -17,13 +17,13 @@ from torch import Tensor, nn
 import exosight
 from exosight.errors import DataError, InputError
 from exosight.files import replace_file
-from exosight.learning.beside import NOTHING, Beside, check_beside, stacked
 from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
 from exosight.learning.contact import contact_shift
-from exosight.learning.intervals import Widths, calibrate
-from exosight.learning.likeness import Likeness, batches, fit_likeness
+from exosight.learning.intervals import Widths, calibrate_intervals
 from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, open_session, seal
+from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.networks import CONTACT, FORCES, ForceModel, answers
+from exosight.learning.ood import OodDetector, batches, fit_ood_detector
 from exosight.learning.samples import CONTACTS
 
 # Operator set 18 with file format 8, both of ONNX 1.13 (2022): the oldest that PyTorch writes, so that
@@ -40,7 +40,7 @@ def export_onnx(
     path: Path,
     images: UInt8[np.ndarray, "frames height width"],
     forces: Float32[np.ndarray, "frames 7"],
-    beside: Beside = NOTHING,
+    inputs: ModelInputs = IMAGE_ONLY,
 ) -> ModelCard:
     """Write the best network of a run as an ONNX file, after checking it against ONNX Runtime.
 
@@ -62,13 +62,13 @@ def export_onnx(
         raise InputError(f"{path}: exists already; choose another name")
     checkpoint, model = load_checkpoint(source), load_model(source)
     settings = checkpoint.run.settings
-    check_beside(images, beside, settings.past, settings.actuation)
-    seen = stacked(images, beside), beside.u
-    likeness = fit_likeness(model, *seen)
+    check_inputs(images, inputs, settings.history, settings.actuation)
+    seen = stacked(images, inputs), inputs.u
+    ood = fit_ood_detector(model, *seen)
     found, error, contact = _answers(model, *seen)
-    card = _card(checkpoint, calibrate(found, error, forces), likeness.limit)
+    card = _card(checkpoint, calibrate_intervals(found, error, forces), ood.limit)
     _shift_contact(model, contact_shift(contact, forces > 0))
-    proto = _convert(_Deployed(model, likeness).eval(), card)
+    proto = _convert(_Deployed(model, ood).eval(), card)
     _verify(proto, model, card)
     path.parent.mkdir(parents=True, exist_ok=True)
     replace_file(path, seal(proto.SerializeToString()))
@@ -78,13 +78,13 @@ def export_onnx(
 class _Deployed(nn.Module):
     """What goes into the file: the answers, and how unlike those learned from an image is."""
 
-    def __init__(self, model: ForceModel, likeness: Likeness):
+    def __init__(self, model: ForceModel, ood: OodDetector):
         super().__init__()
-        self.model, self.likeness = model, likeness
+        self.model, self.ood = model, ood
 
     def forward(self, image: Tensor, u: Tensor | None = None) -> tuple[Tensor, ...]:
         features = self.model.network.features(image, u)
-        return (*self.model.read(features), self.likeness(image, features))
+        return (*self.model.read(features), self.ood(image, features))
 
 
 def _answers(
@@ -106,10 +106,10 @@ def _shift_contact(model: ForceModel, shift: Float[np.ndarray, "7"]) -> None:
             last.bias[CONTACT] += torch.from_numpy(shift).float()
 
 
-def _card(checkpoint: Checkpoint, widths: Widths, unlike_limit: float) -> ModelCard:
+def _card(checkpoint: Checkpoint, widths: Widths, ood_limit: float) -> ModelCard:
     run, best = checkpoint.run, checkpoint.history[checkpoint.position.best_epoch - 1]
-    past, actuation = run.settings.past, run.settings.actuation
-    order = ", the newest first" if past else ""
+    history, actuation = run.settings.history, run.settings.actuation
+    order = ", the newest first" if history else ""
     told = "; u: actuation [N], float32, (batch,)" if actuation else ""
     return ModelCard(
         exosight_version=exosight.__version__,
@@ -117,7 +117,7 @@ def _card(checkpoint: Checkpoint, widths: Widths, unlike_limit: float) -> ModelC
         seed=run.settings.seed,
         image_height=run.image_size[0],
         image_width=run.image_size[1],
-        input=f"gray image, float32 in 0…1, (batch, {1 + past}, height, width){order}{told}",
+        input=f"gray image, float32 in 0…1, (batch, {1 + history}, height, width){order}{told}",
         contacts=CONTACTS,
         unit="N",
         epoch=best.epoch,
@@ -125,8 +125,8 @@ def _card(checkpoint: Checkpoint, widths: Widths, unlike_limit: float) -> ModelC
         training=asdict(run.settings),
         data=run.data_identity,
         widths=widths,
-        unlike_limit=unlike_limit,
-        past=past,
+        ood_limit=ood_limit,
+        history=history,
         actuation=actuation,
     )
 

@@ -32,7 +32,7 @@ class Widths:
     """where it is not"""
 
 
-def calibrate(forces: Forces, expected_error: Forces, truth: Forces) -> Widths:
+def calibrate_intervals(forces: Forces, expected_error: Forces, truth: Forces) -> Widths:
     """The widths that held on frames not learned from, with the correction for how few these are.
 
     forces, expected_error   a network's answers [N]

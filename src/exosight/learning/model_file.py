@@ -14,14 +14,14 @@ from typing import Annotated, Any
 import pydantic
 
 from exosight.errors import DataError
-from exosight.learning.config import MOST_PAST
+from exosight.learning.config import LONGEST_HISTORY
 from exosight.learning.intervals import Widths
 
 # ModelProto.metadata_props (field 14, 74 bytes) = {key (field 1): "sha256", value (field 2): 64 hex digits}
 _SEAL_START = b"\x72\x4a\x0a\x06sha256\x12\x40"
 
 
-OUTPUTS = ("forces", "expected_error", "contact", "unlike")
+OUTPUTS = ("forces", "expected_error", "contact", "ood_score")
 """Of the network in the file: forces [N], the error to be expected of each [N], probability of contact; and
 one number an image, how unlike those learned from it is."""
 
@@ -50,9 +50,9 @@ class ModelCard:
     """identity of the frames learned from, camera included"""
     widths: Widths
     """of the intervals around its estimates"""
-    unlike_limit: float
+    ood_limit: float
     """score beyond which an image is unlike those that it was trained for"""
-    past: Annotated[int, pydantic.Field(ge=0, le=MOST_PAST)] = 0
+    history: Annotated[int, pydantic.Field(ge=0, le=LONGEST_HISTORY)] = 0
     """earlier images that it sees beside the one it reads, as further channels, the newest first"""
     actuation: bool = False
     """whether it has a second input, u [N]"""
@@ -60,7 +60,7 @@ class ModelCard:
     @property
     def inputs(self) -> dict[str, list[int]]:
         """Inputs of the network by name, and their shape after the batch."""
-        image = {"image": [1 + self.past, self.image_height, self.image_width]}
+        image = {"image": [1 + self.history, self.image_height, self.image_width]}
         return {**image, "u": []} if self.actuation else image
 
 

@@ -34,7 +34,7 @@ class Network(nn.Sequential):
     ) -> Float[Tensor, "batch features"]:
         """What the last layer sees."""
         for layer in list(self)[:-1]:
-            input = layer(input, u) if isinstance(layer, Told) else layer(input)
+            input = layer(input, u) if isinstance(layer, ActuationEmbedding) else layer(input)
         return input
 
 
@@ -71,7 +71,7 @@ class LightNetwork(Network):
     Beside the forces it answers, for each contact, how far off they may be and whether there is contact, and
     `auxiliary` further numbers that are only learned from, such as joint angles.
 
-    `past` earlier images are further channels, the newest first: what moved shows in the first convolution.
+    `history` earlier images are further channels, newest first: what moved shows in the first convolution.
     With `actuation`, u joins where the picture has become features, before they are rectified: it says
     nothing of any one place, and the last layer can still weigh what is seen by it.
 
@@ -82,7 +82,7 @@ class LightNetwork(Network):
         self,
         image_size: ImageSize = (128, 128),
         auxiliary: int = 0,
-        past: int = 0,
+        history: int = 0,
         actuation: bool = False,
     ):
         if min(image_size) < 32 or max(image_size) > 4096 or any(side % 4 for side in image_size):
@@ -95,7 +95,7 @@ class LightNetwork(Network):
         super().__init__(
             Standardise(),
             nn.PixelUnshuffle(4),
-            _convolution(16 * (1 + past), 48, 1),
+            _convolution(16 * (1 + history), 48, 1),
             _convolution(48, 64, 2),
             Residual(64),
             _convolution(64, 96, 2),
@@ -104,7 +104,7 @@ class LightNetwork(Network):
             _convolution(96, 64, 2),
             nn.Flatten(),
             nn.Linear(64 * height * width, features),
-            *([Told(features)] if actuation else []),
+            *([ActuationEmbedding(features)] if actuation else []),
             nn.ReLU(),
             nn.Linear(features, 3 * len(CONTACTS) + auxiliary),
         )
@@ -121,7 +121,7 @@ class Standardise(nn.Module):
         return centred / ((centred**2).mean((2, 3), keepdim=True) + 1e-4).sqrt()
 
 
-class Told(nn.Module):
+class ActuationEmbedding(nn.Module):
     """What u adds to features; over a path it spreads by about 1 N, so newtons need no scale."""
 
     def __init__(self, features: int):
@@ -157,12 +157,12 @@ NETWORKS = ("light", "paper")
 
 
 def build_network(
-    name: str, image_size: ImageSize, auxiliary: int, seed: int, past: int = 0, actuation: bool = False
+    name: str, image_size: ImageSize, auxiliary: int, seed: int, history: int = 0, actuation: bool = False
 ) -> Network:
     """Build a network whose first weights follow from the seed alone; the global generator is left as it was.
 
     auxiliary   further numbers that a light network learns; the paper's has the seven forces only
-    past        earlier images that a light network sees; the paper's sees one
+    history        earlier images that a light network sees; the paper's sees one
     actuation   whether a light network is told u; the paper's is not
 
     Raises InputError if the network cannot take images of that size.
@@ -171,7 +171,7 @@ def build_network(
         torch.manual_seed(seed)
         if name == "paper":
             return PaperNetwork(image_size)
-        return LightNetwork(image_size, auxiliary, past, actuation)
+        return LightNetwork(image_size, auxiliary, history, actuation)
 
 
 FORCES, LOG_SPREAD, CONTACT = (slice(len(CONTACTS) * i, len(CONTACTS) * (i + 1)) for i in range(3))

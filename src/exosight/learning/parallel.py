@@ -29,9 +29,9 @@ from torch.distributed.distributed_c10d import Store
 from torch.distributed.rendezvous import rendezvous
 
 from exosight.errors import DataError, InputError
-from exosight.learning.fresh import Block
 from exosight.learning.networks import Network
-from exosight.learning.team import ALONE, Team
+from exosight.learning.online_simulation import FrameBlock
+from exosight.learning.process_group import SINGLE, ProcessGroup
 
 _OF_A_BLOCK = (
     (3, torch.uint8),
@@ -40,7 +40,7 @@ _OF_A_BLOCK = (
     (1, torch.float32),
     (1, torch.int64),
 )
-"""Dimensions and type of each array of a Block."""
+"""Dimensions and type of each array of a FrameBlock."""
 
 _PATIENCE = timedelta(minutes=30)
 """For the slowest process; one that ends is noticed at once."""
@@ -56,7 +56,7 @@ def choose_device(wanted: Literal["auto", "cpu", "cuda"]) -> Literal["cpu", "cud
 
 
 @contextmanager
-def join(wanted: Literal["auto", "cpu", "cuda"]) -> Iterator[Team]:
+def join(wanted: Literal["auto", "cpu", "cuda"]) -> Iterator[ProcessGroup]:
     """The processes that torchrun says are this run's; without torchrun, this process alone.
 
     If one fails, all end: the first to fail with its error, the others with exit code 2 and no words.
@@ -64,14 +64,14 @@ def join(wanted: Literal["auto", "cpu", "cuda"]) -> Iterator[Team]:
     Raises InputError if they cannot meet, or if this process finds no GPU left for it.
     """
     if int(os.environ.get("WORLD_SIZE") or "1") == 1:
-        yield ALONE
+        yield SINGLE
         return
     device = choose_device(wanted)
-    local, neighbours = (int(os.environ.get(f"LOCAL_{name}", "0")) for name in ("RANK", "WORLD_SIZE"))
+    local, local_size = (int(os.environ.get(f"LOCAL_{name}", "0")) for name in ("RANK", "WORLD_SIZE"))
     if device == "cuda" and local >= torch.cuda.device_count():
         raise InputError(
             f"torchrun: expected at most one process for each GPU of a machine, {torch.cuda.device_count()} "
-            f"here, got {neighbours}; lower --nproc-per-node"
+            f"here, got {local_size}; lower --nproc-per-node"
         )
     with torch.cuda.device(local) if device == "cuda" else nullcontext():
         backend = "nccl" if device == "cuda" else "gloo"
@@ -84,7 +84,7 @@ def join(wanted: Literal["auto", "cpu", "cuda"]) -> Iterator[Team]:
                 "start them with torchrun, or unset it"
             ) from error
         try:
-            yield Team(rank, size, max(neighbours, 1), device)
+            yield ProcessGroup(rank, size, max(local_size, 1), device)
         except BaseException as error:
             speaks = _first_to_fail(store)
             # Closing in good order would wait for processes that may wait for this one.
@@ -98,54 +98,54 @@ def join(wanted: Literal["auto", "cpu", "cuda"]) -> Iterator[Team]:
             dist.destroy_process_group()
 
 
-def whole_batch(team: Team, network: Network) -> Network:
+def whole_batch(group: ProcessGroup, network: Network) -> Network:
     """The network, its batch normalisation made that of the whole batch where that is possible."""
-    if team.size == 1 or team.device == "cpu":
+    if group.size == 1 or group.device == "cpu":
         return network
     return cast(Network, nn.SyncBatchNorm.convert_sync_batchnorm(network))
 
 
-def add_up(team: Team, tensors: Iterable[Tensor]) -> None:
+def add_up(group: ProcessGroup, tensors: Iterable[Tensor]) -> None:
     """Put into each tensor its sum over all processes; the tensors are of one type.
 
     One message for all gradients: these networks are small, so that sending while the backward pass still
     runs, as DistributedDataParallel does, would gain little.
     """
-    _exchange(team, list(tensors), dist.all_reduce)
+    _exchange(group, list(tensors), dist.all_reduce)
 
 
-def share(team: Team, tensors: Iterable[Tensor]) -> None:
+def share(group: ProcessGroup, tensors: Iterable[Tensor]) -> None:
     """Put into each tensor what the first process has there; the tensors are of one type."""
-    _exchange(team, list(tensors), lambda flat: dist.broadcast(flat, 0))
+    _exchange(group, list(tensors), lambda flat: dist.broadcast(flat, 0))
 
 
-def share_block(team: Team, block: Block | None) -> Block:
+def share_block(group: ProcessGroup, block: FrameBlock | None) -> FrameBlock:
     """The fresh frames that the first process has, in all."""
-    if team.size == 1 and block:
+    if group.size == 1 and block:
         return block
     found = []
     for i, (dimensions, kind) in enumerate(_OF_A_BLOCK):
         shape = torch.tensor(block[i].shape if block else [0] * dimensions)
-        share(team, [shape])
+        share(group, [shape])
         array = torch.from_numpy(block[i]) if block else torch.empty(*shape.tolist(), dtype=kind)
-        share(team, [array])
+        share(group, [array])
         found.append(array.numpy())
-    return Block(*found)
+    return FrameBlock(*found)
 
 
-def check_alike(team: Team, what: str, error: str) -> None:
+def check_alike(group: ProcessGroup, what: str, error: str) -> None:
     """Raise InputError in all unless `what` is the same text in all; none goes on before the last."""
     number = int.from_bytes(hashlib.sha256(what.encode()).digest()[:7])
     bounds = torch.tensor([number, -number])
-    _exchange(team, [bounds], lambda flat: dist.all_reduce(flat, dist.ReduceOp.MAX))
+    _exchange(group, [bounds], lambda flat: dist.all_reduce(flat, dist.ReduceOp.MAX))
     if bounds[0] != -bounds[1]:
         raise InputError(error)
 
 
-def _exchange(team: Team, tensors: list[Tensor], send: Callable[[Tensor], object]) -> None:
-    if team.size == 1:
+def _exchange(group: ProcessGroup, tensors: list[Tensor], send: Callable[[Tensor], object]) -> None:
+    if group.size == 1:
         return
-    flat = torch.cat([tensor.detach().reshape(-1) for tensor in tensors]).to(team.device)
+    flat = torch.cat([tensor.detach().reshape(-1) for tensor in tensors]).to(group.device)
     try:
         send(flat)
     except RuntimeError as error:

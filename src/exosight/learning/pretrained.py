@@ -73,9 +73,9 @@ def load_pretrained(path: Path) -> Pretrained:
 def check_pretrained(pretrained: Pretrained, settings: Settings, image_size: tuple[int, int]) -> None:
     """Raise InputError unless the network to start from is of the kind that is to be trained."""
     card = pretrained.card
-    there = (card.network, (card.image_height, card.image_width), card.past, card.actuation)
-    asked = (settings.network, image_size, settings.past, settings.actuation)
-    names = ("network", "image size", "past", "actuation")
+    there = (card.network, (card.image_height, card.image_width), card.history, card.actuation)
+    asked = (settings.network, image_size, settings.history, settings.actuation)
+    names = ("network", "image size", "history", "actuation")
     for name, has, wants in zip(names, there, asked, strict=True):
         if has != wants:
             raise InputError(

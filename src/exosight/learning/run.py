@@ -22,8 +22,8 @@ from exosight.learning.checkpoint import (
 from exosight.learning.history import HISTORY_NAME, EpochRecord, write_history
 from exosight.learning.networks import Network
 from exosight.learning.parallel import check_alike, share, whole_batch
+from exosight.learning.process_group import ProcessGroup
 from exosight.learning.recipes import RECIPES
-from exosight.learning.team import Team
 
 
 class Run:
@@ -33,21 +33,21 @@ class Run:
         self,
         identity: RunIdentity,
         folder: Path,
-        team: Team,
+        group: ProcessGroup,
         weights: Mapping[str, Tensor] | None = None,
     ):
         """`weights`: the first ones, if they are not to follow from the seed."""
         settings = identity.settings
         self.identity = identity
         self.folder = folder
-        self.team = team
+        self.group = group
         self.recipe = RECIPES[settings.recipe]
         network = identity.build_network()
         if weights is not None:
             network.load_state_dict(weights)
             # Worked out on each machine: rounded as on the first.
-            share(team, (tensor for tensor in network.state_dict().values() if tensor.is_floating_point()))
-        network = whole_batch(team, network)
+            share(group, (tensor for tensor in network.state_dict().values() if tensor.is_floating_point()))
+        network = whole_batch(group, network)
         # Channels last: a step takes 60 to 90 % of the time that it takes otherwise.
         self.network = network.to(memory_format=torch.channels_last).to(settings.device)  # pyright: ignore[reportCallIssue]
         self.scale = torch.tensor(identity.force_scale, dtype=torch.float32, device=settings.device)
@@ -80,7 +80,7 @@ class Run:
 
     def save(self) -> None:
         """The first process writes checkpoint, then loss curves: of the two, the checkpoint decides."""
-        if not self.team.first:
+        if not self.group.first:
             return
         tensors = collect_tensors(self.network, self.average, self.best, self.optimizer)
         save_checkpoint(self.folder, self.identity, self.position, self.history, tensors)
@@ -91,7 +91,7 @@ def open_run(
     identity: RunIdentity,
     folder: Path,
     resume: bool,
-    team: Team,
+    group: ProcessGroup,
     weights: Mapping[str, Tensor] | None = None,
 ) -> Run:
     """Start a run in a folder that has none, or with `resume` take it up from the folder's checkpoint.
@@ -99,9 +99,9 @@ def open_run(
     weights   the first ones of a run that starts, if they are not to follow from the seed
 
     Raises InputError if the folder holds a run that is not to be, or cannot be, resumed, or if the processes
-    of a team have different runs before them; DataError if its checkpoint is damaged.
+    of a group have different runs before them; DataError if its checkpoint is damaged.
     """
-    run = Run(identity, folder, team, weights)
+    run = Run(identity, folder, group, weights)
     if not (folder / CHECKPOINT_NAME).exists():
         if (folder / HISTORY_NAME).exists():
             raise InputError(
@@ -121,7 +121,7 @@ def open_run(
     restore_tensors(checkpoint, run.network, run.average, run.best, run.optimizer)
     run.position, run.history = checkpoint.position, checkpoint.history
     _check_one_run(run)
-    if team.first:
+    if group.first:
         # A run killed between the two files left a table one epoch short.
         write_history(folder, run.history)
     return run
@@ -130,7 +130,7 @@ def open_run(
 def _check_one_run(run: Run) -> None:
     """That all processes have the same run before them, and have looked before the first writes."""
     check_alike(
-        run.team,
+        run.group,
         f"{run.identity} {run.position}",
         f"{run.folder}: the processes of this run differ in settings, data or checkpoint; start all with one "
         "command, on alike machines, with folders that all of them see",

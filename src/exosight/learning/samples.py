@@ -95,7 +95,7 @@ def check_samples(samples: Samples) -> None:
 
 
 def stacks(
-    previous: Integer[np.ndarray, " frames"] | None, past: int, frames: int
+    previous: Integer[np.ndarray, " frames"] | None, history: int, frames: int
 ) -> Int64[np.ndarray, "frames stack"]:
     """The images that a network sees of each frame, by number: its own, then those before it, newest first.
 
@@ -103,7 +103,7 @@ def stacks(
     """
     rows = [np.arange(frames)]
     if previous is not None:
-        for _ in range(past):
+        for _ in range(history):
             rows.append(previous[rows[-1]])
     return np.stack(rows, axis=1)
 

@@ -16,15 +16,16 @@ from tensorboardX import SummaryWriter
 from torch import Tensor, nn
 
 from exosight.errors import InputError
-from exosight.learning.augmentation import augment
+from exosight.learning.augmentation import augment_batch
 from exosight.learning.checkpoint import Position, RunIdentity
 from exosight.learning.config import Precision, Settings, TrainConfig, resolve
-from exosight.learning.fresh import Block, Blocks, Shown, shown
 from exosight.learning.history import EpochRecord
 from exosight.learning.losses import force_loss, training_loss
 from exosight.learning.networks import ForceModel, answers
+from exosight.learning.online_simulation import EpochData, FrameBlock, FrameBlocks, epoch_data
 from exosight.learning.parallel import add_up, choose_device, share, share_block
 from exosight.learning.pretrained import Pretrained, check_pretrained, first_weights
+from exosight.learning.process_group import SINGLE, ProcessGroup
 from exosight.learning.recipes import RECIPES
 from exosight.learning.run import Run, open_run
 from exosight.learning.samples import (
@@ -37,7 +38,6 @@ from exosight.learning.samples import (
     scale_of,
     stacks,
 )
-from exosight.learning.team import ALONE, Team
 
 CHECKPOINT_SECONDS = 30.0
 """Within a long epoch, the most work a killed run loses [s]; every epoch ends in a checkpoint anyway."""
@@ -88,11 +88,11 @@ def train(
     auxiliary: Float32[np.ndarray, "frames auxiliary"] | None = None,
     u: Float32[np.ndarray, " loads"] | None = None,
     previous: Integer[np.ndarray, " links"] | None = None,
-    fresh: Blocks | None = None,
+    online_blocks: FrameBlocks | None = None,
     pretrained: Pretrained | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
-    team: Team = ALONE,
+    group: ProcessGroup = SINGLE,
 ) -> TrainResult:
     """Train a network; with `resume`, go on exactly (on a CPU to the last bit) where a run was stopped.
 
@@ -106,9 +106,9 @@ def train(
     u                 actuation [N], for a network that is told it
     previous          the frame before each on the way of its exosuit, or its own number where there is none,
                       for a network that sees earlier images
-    fresh             frames learned from in one epoch only, in place of as many of the others
+    online_blocks     frames learned from in one epoch only, in place of as many of the others
     pretrained        a network whose weights are the first, in place of random ones
-    team              the processes that train together, each calling this alike; the first writes
+    group              the processes that train together, each calling this alike; the first writes
 
     Raises InputError for frames that cannot be learned from, a folder that already holds a run, a run to be
     resumed that is another one, a network to start from that is of another kind, and a loss that is no longer
@@ -118,18 +118,20 @@ def train(
         auxiliary = np.empty((len(images), 0), np.float32)
     device = choose_device(config.device)
     first = pretrained.sha256 if pretrained else ""
-    settings = resolve(config, device, _precision(device), team.neighbours, first)
+    settings = resolve(config, device, _precision(device), group.local_size, first)
     if settings.actuation and u is None:
         raise InputError("actuation: expected u of every image, got none; give u, or leave actuation out")
-    if settings.past and previous is None:
-        raise InputError("past: expected the frame before each, got none; give previous, or leave past out")
+    if settings.history and previous is None:
+        raise InputError(
+            "history: expected the frame before each, got none; give previous, or leave history out"
+        )
     samples = Samples(
         *(images, forces, train_index, validation_index, auxiliary),
         u=u if settings.actuation else None,
-        previous=previous if settings.past else None,
+        previous=previous if settings.history else None,
     )
     check_samples(samples)
-    _check_slices(len(train_index), settings.batch, team)
+    _check_slices(len(train_index), settings.batch, group)
     if settings.network == "paper":
         samples = replace(samples, auxiliary=auxiliary[:, :0])
     scales = RECIPES[settings.recipe].scales_forces
@@ -143,9 +145,9 @@ def train(
     )
     with _compute(settings):
         weights = _first_weights(pretrained, identity, samples) if pretrained else None
-        run = open_run(identity, folder, resume, team, weights)
+        run = open_run(identity, folder, resume, group, weights)
         if not run.position.complete:
-            _run(run, samples, fresh, progress if team.first else None)
+            _run(run, samples, online_blocks, progress if group.first else None)
     return TrainResult(folder, run.history, run.history[run.position.best_epoch - 1])
 
 
@@ -154,7 +156,7 @@ def _first_weights(pretrained: Pretrained, identity: RunIdentity, samples: Sampl
     settings, index = identity.settings, samples.train_index
     check_pretrained(pretrained, settings, identity.image_size)
     chosen = index[np.linspace(0, len(index) - 1, min(len(index), _PRETRAINED_IMAGES)).astype(np.intp)]
-    seen = stacks(samples.previous, settings.past, len(samples.images))[chosen]
+    seen = stacks(samples.previous, settings.history, len(samples.images))[chosen]
     u = None if samples.u is None else samples.u[chosen]
     return first_weights(pretrained, identity, *_tensors(samples.images[seen], u, "cpu"))
 
@@ -162,18 +164,20 @@ def _first_weights(pretrained: Pretrained, identity: RunIdentity, samples: Sampl
 def _run(
     run: Run,
     samples: Samples,
-    fresh: Blocks | None,
+    online_blocks: FrameBlocks | None,
     progress: Callable[[Progress], None] | None,
 ) -> None:
     """Take a run to its end, its curves into TensorBoard's files as well."""
-    team = run.team
+    group = run.group
     with (
-        contextlib.closing(fresh(run.position.epoch) if fresh and team.first else _no_blocks()) as blocks,
+        contextlib.closing(
+            online_blocks(run.position.epoch) if online_blocks and group.first else _no_blocks()
+        ) as blocks,
         _board(run) as board,
     ):
         while not run.position.complete:
             block = next(blocks)
-            _run_epoch(run, samples, share_block(team, block) if fresh else block, progress)
+            _run_epoch(run, samples, share_block(group, block) if online_blocks else block, progress)
             latest = run.history[-1]
             for name, value in latest.curves().items():
                 board.add_scalar(name, value, latest.step)
@@ -186,7 +190,7 @@ def _board(run: Run) -> SummaryWriter:
         str(run.folder / BOARD_NAME),
         purge_step=step + 1,
         filename_suffix=f".{step}",
-        write_to_disk=run.team.first,
+        write_to_disk=run.group.first,
     )
 
 
@@ -196,12 +200,14 @@ def _no_blocks() -> Generator[None, None, None]:
 
 
 def _run_epoch(
-    run: Run, samples: Samples, block: Block | None, progress: Callable[[Progress], None] | None
+    run: Run, samples: Samples, block: FrameBlock | None, progress: Callable[[Progress], None] | None
 ) -> None:
     """Take a run from where it stands to the end of its epoch."""
     settings, epoch = run.identity.settings, run.position.epoch + 1
     started = time.perf_counter() - run.position.seconds
-    rate = _run_steps(run, shown(samples, block, settings.past, settings.seed, epoch), started, progress)
+    rate = _run_steps(
+        run, epoch_data(samples, block, settings.history, settings.seed, epoch), started, progress
+    )
     loss = l1 = None
     if epoch % run.recipe.validate_every == 0 or epoch == settings.epochs:
         loss, l1 = _validate(run, samples)
@@ -229,7 +235,9 @@ def _run_epoch(
     run.save()
 
 
-def _run_steps(run: Run, frames: Shown, started: float, progress: Callable[[Progress], None] | None) -> float:
+def _run_steps(
+    run: Run, frames: EpochData, started: float, progress: Callable[[Progress], None] | None
+) -> float:
     """Take the steps left in the epoch, with a checkpoint now and then; returns the last learning rate."""
     settings, epoch = run.identity.settings, run.position.epoch + 1
     rows = frames.rows
@@ -243,10 +251,10 @@ def _run_steps(run: Run, frames: Shown, started: float, progress: Callable[[Prog
     saved = time.perf_counter()
     for chosen in batches[run.position.batch :]:
         rate = run.recipe.rate(settings.learning_rate, run.position.step, steps, run.history)
-        mine = run.team.part(chosen)
+        mine = run.group.part(chosen)
         images: np.ndarray = frames.images[frames.stacks[mine]]
         if run.recipe.augments:
-            images = augment(images, settings.seed, epoch, run.position.batch, run.team.rank)
+            images = augment_batch(images, settings.seed, epoch, run.position.batch, run.group.rank)
         u = None if frames.u is None else frames.u[mine]
         part = len(mine) / len(chosen)
         loss, forces = _step(run, images, u, frames.forces[mine], frames.auxiliary[mine], rate, part)
@@ -297,7 +305,7 @@ def _step(
     loss, told = (part * each for each in losses)
     loss.backward()
     gradients = (weight.grad for weight in run.network.parameters() if weight.grad is not None)
-    add_up(run.team, [loss, told, *gradients])
+    add_up(run.group, [loss, told, *gradients])
     run.optimizer.step()
     # The average forgets fast at first, when there is little worth remembering.
     steps = run.position.step
@@ -316,13 +324,13 @@ def _step(
 def _validate(run: Run, samples: Samples) -> tuple[float, float]:
     """The recipe's loss and the mean absolute error [N] of the forces as they would be answered in use."""
     # On CPUs the statistics of batch normalisation differ between the processes.
-    share(run.team, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
+    share(run.group, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
     model = ForceModel(run.averaged(), run.scale).eval()
     settings, index = run.identity.settings, samples.validation_index
-    seen = stacks(samples.previous, settings.past, len(samples.images))
+    seen = stacks(samples.previous, settings.history, len(samples.images))
     totals = torch.zeros(2, dtype=torch.float64)
     with torch.inference_mode():
-        for start in range(0, len(index), _VALIDATION_BATCH)[run.team.rank :: run.team.size]:
+        for start in range(0, len(index), _VALIDATION_BATCH)[run.group.rank :: run.group.size]:
             chosen = index[start : start + _VALIDATION_BATCH]
             truth = torch.from_numpy(samples.forces[chosen]).to(settings.device)
             u = None if samples.u is None else samples.u[chosen]
@@ -330,7 +338,7 @@ def _validate(run: Run, samples: Samples) -> tuple[float, float]:
             loss = force_loss(forces / run.scale, truth / run.scale, run.recipe.loss_corner)
             l1 = nn.functional.l1_loss(forces, truth)
             totals += torch.tensor([loss.item(), l1.item()], dtype=torch.float64) * len(chosen)
-    add_up(run.team, [totals])
+    add_up(run.group, [totals])
     loss, l1 = (totals / len(index)).tolist()
     return loss, l1
 
@@ -347,12 +355,12 @@ def _tensors(
     return tensor, None if u is None else torch.from_numpy(u).to(device)
 
 
-def _check_slices(frames: int, batch: int, team: Team) -> None:
+def _check_slices(frames: int, batch: int, group: ProcessGroup) -> None:
     """Raise InputError if a slice may be of a single image, which would upset batch normalisation."""
     smallest = frames // -(-frames // batch)
-    if smallest < 2 * team.size:
+    if smallest < 2 * group.size:
         raise InputError(
-            f"batch: expected at least two images for each of {team.size} processes, got steps of "
+            f"batch: expected at least two images for each of {group.size} processes, got steps of "
             f"{smallest}; choose a larger batch or fewer processes"
         )
 

@@ -7,7 +7,7 @@ energy                       what an energy term is, and the terms of rods, join
 contact, actuation           spheres that press on each other; pressure and cables along a line
 loads, bushing               weight, wrenches, spread forces, torques; springs between frames that close loops
 equilibrium                  stable minima of the energy, followed along a load path
-march                        many robots a step further at a time, each to loads of its own
+batched_stepping             many robots a step further at a time, each to loads of its own
 dynamics                     motion in time under the same energies
 """
 
@@ -23,6 +23,7 @@ from exosight.mechanics.basis import (
     NodalLinear,
     NodalQuadratic,
 )
+from exosight.mechanics.batched_stepping import BatchStep, step_batch
 from exosight.mechanics.bushing import Bushing
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.dynamics import MotionOptions, Trajectories, evolve
@@ -43,7 +44,6 @@ from exosight.mechanics.joint import (
 from exosight.mechanics.kinematics import Motion, walk
 from exosight.mechanics.link import Link
 from exosight.mechanics.loads import DeadForce, DistributedForce, Gravity, JointTorque, PointWrench
-from exosight.mechanics.march import Reached, march
 from exosight.mechanics.quadrature import Gauss
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
@@ -53,6 +53,7 @@ from exosight.mechanics.snap import Snap, locate_snaps
 from exosight.mechanics.term import Configuration, Term
 
 __all__ = [
+    "BatchStep",
     "Bushing",
     "Chebyshev",
     "Circular",
@@ -84,7 +85,6 @@ __all__ = [
     "PointWrench",
     "PressureLine",
     "Prismatic",
-    "Reached",
     "Rectangular",
     "Revolute",
     "Robot",
@@ -102,9 +102,9 @@ __all__ = [
     "follow",
     "helix",
     "locate_snaps",
-    "march",
     "potential",
     "stack",
+    "step_batch",
     "straight",
     "walk",
 ]

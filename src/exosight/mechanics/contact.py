@@ -56,7 +56,7 @@ class SphereContact(Term):
         overlap, normal, _ = self.pairs(tree, position)
         return -jnp.sum(self.stiffness * jnp.maximum(overlap, 0.0)[..., None] * normal, axis=0)
 
-    def reach(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
+    def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
         """Up to where the first open pair touches, and a little into it: from there on it is seen."""
         overlap, normal, distance = self.pairs(tree, motion.position)
         twist = motion.twist(step)

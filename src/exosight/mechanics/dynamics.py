@@ -19,7 +19,7 @@ from jaxtyping import Array, Bool, Float, Int
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.robot import Robot
-from exosight.mechanics.timestep import Leg, Way, begin, next_step, stepper
+from exosight.mechanics.timestep import IntegrationState, Interval, begin, next_step, time_stepper
 
 
 @dataclass(frozen=True)
@@ -110,20 +110,20 @@ def evolve(
     groups = [range(i, min(i + lanes, len(robots))) for i in range(0, len(robots), lanes)]
     stopped = []
 
-    def work(group: range) -> Way:
+    def work(group: range) -> IntegrationState:
         rows = [group[min(i, len(group) - 1)] for i in range(lanes)]
         leaves = [np.stack(parts) for parts in zip(*(_leaves(robots[i]) for i in rows), strict=True)]
-        ways = [begin(times[0], starts[0, i], starts[1, i], loads.shape[1]) for i in rows]
-        state = jax.tree.map(lambda *parts: np.stack(parts), *ways)
+        states = [begin(times[0], starts[0, i], starts[1, i], loads.shape[1]) for i in rows]
+        state = jax.tree.map(lambda *parts: np.stack(parts), *states)
         advance = _compiled(jax.tree.structure(robots[0]))
         adaptive = np.array(options.step is None)
         largest = np.inf if options.step is None else options.step
         found = []
         for k, until in enumerate(times):
             at = max(k - 1, 0)  # at the first time, only the acceleration and the energies are found
-            leg = Leg(times[at], times[at + 1], loads[at], loads[at + 1])
+            interval = Interval(times[at], times[at + 1], loads[at], loads[at + 1])
             state = advance(
-                leaves, state, leg, until, options.tolerance, largest, adaptive, options.max_steps
+                leaves, state, interval, until, options.tolerance, largest, adaptive, options.max_steps
             )
             found.append(jax.tree.map(np.asarray, state))
             if not k and np.any(found[0].failed):
@@ -143,18 +143,18 @@ def evolve(
         except BaseException:  # Ctrl-C too: the pool waits for its threads
             stopped.append(True)
             raise
-    way = jax.tree.map(lambda *parts: np.concatenate(parts), *parts)
+    state = jax.tree.map(lambda *parts: np.concatenate(parts), *parts)
     return Trajectories(
         time=times,
-        q=way.q,
-        velocity=way.v,
-        kinetic=way.kinetic,
-        potential=way.potential,
-        dissipated=way.dissipated,
-        supplied=way.supplied,
-        steps=way.steps,
-        rejected=way.rejected,
-        converged=~way.failed,
+        q=state.q,
+        velocity=state.v,
+        kinetic=state.kinetic,
+        potential=state.potential,
+        dissipated=state.dissipated,
+        supplied=state.supplied,
+        steps=state.steps,
+        rejected=state.rejected,
+        converged=~state.failed,
     )
 
 
@@ -197,31 +197,35 @@ def _leaves(robot: Robot) -> list[np.ndarray]:
 
 @lru_cache(maxsize=64)
 def _compiled(structure: Hashable) -> Callable:
-    """The function that brings every lane to the end of a leg."""
+    """The function that brings every lane to the end of an interval."""
 
     def one(
         leaves: list[Array],
-        way: Way,
-        leg: Leg,
+        state: IntegrationState,
+        interval: Interval,
         until: Array,
         tolerance: Array,
         largest: Array,
         adaptive: Array,
         most: Array,
-    ) -> Way:
+    ) -> IntegrationState:
         robot = jax.tree.unflatten(structure, leaves)
-        step = stepper(robot, leg, tolerance, largest, adaptive)
-        limit = way.steps + way.rejected + most
+        step = time_stepper(robot, interval, tolerance, largest, adaptive)
+        limit = state.steps + state.rejected + most
 
-        def going(way: Way) -> Array:
-            return jnp.logical_and((way.time < until) | (way.stage == 0), ~way.failed)
+        def going(state: IntegrationState) -> Array:
+            return jnp.logical_and((state.time < until) | (state.stage == 0), ~state.failed)
 
-        def further(way: Way) -> Way:
-            way = step(way)
-            return way._replace(failed=way.failed | (way.steps + way.rejected >= limit) & (way.time < until))
+        def further(state: IntegrationState) -> IntegrationState:
+            state = step(state)
+            return state._replace(
+                failed=state.failed | (state.steps + state.rejected >= limit) & (state.time < until)
+            )
 
-        way = way._replace(step=next_step(way.time, jnp.minimum(way.wanted, largest), way.touch, leg))
-        return jax.lax.while_loop(going, further, way)
+        state = state._replace(
+            step=next_step(state.time, jnp.minimum(state.wanted, largest), state.touch, interval)
+        )
+        return jax.lax.while_loop(going, further, state)
 
     batched = jax.vmap(one, in_axes=(0, 0, *[None] * 6))
     return jax.jit(batched, compiler_options={"xla_cpu_multi_thread_eigen": False})

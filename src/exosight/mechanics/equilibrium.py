@@ -1,7 +1,8 @@
 """Stable equilibria: local minima of the potential energy, followed along a path of loads, many at a time.
 
 Each robot of a batch walks its own path inside one compiled loop and goes on to its next load as soon as it
-has converged (`newton`); robots that have arrived make room for others (`lanes`). So none waits for another.
+has converged (`newton`); robots that have arrived make room for others (`batched_continuation`).
+So none waits for another.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,10 +15,10 @@ from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
-from exosight.mechanics.continuity import find_jumps
-from exosight.mechanics.lanes import Job, run, width
-from exosight.mechanics.newton import Path
+from exosight.mechanics.batched_continuation import ContinuationProblem, solve_paths, width
+from exosight.mechanics.newton import ContinuationState
 from exosight.mechanics.robot import Robot
+from exosight.mechanics.snap_detection import find_jumps
 
 GROUP = 256
 """Robots solved at a time: the Hessians along a path, by which snaps are told, take half a megabyte each."""
@@ -51,7 +52,7 @@ class Equilibria(eqx.Module):
                                     |∇Π|² = ∇Πᵀ M⁻¹ ∇Π, |q|² = qᵀ M q, q₀ = |q| of a strain or angle of 0.01
     min_eigenvalue  (loads,)        smallest λ of ∇²Π v = λ M v [-]: 1 at rest, 0 where the pose snaps; with
                                     forces that have no energy, the smallest real part
-    snapped         (loads,)        the pose jumped on the way from the load before, see `continuity`
+    snapped         (loads,)        the pose jumped on the way from the load before, see `snap_detection`
     energy          (loads,)        Π [J]
     iterations      (loads,)        Newton steps taken
     """
@@ -97,7 +98,7 @@ def follow(
     """
     loads, source, start = _checked(robots, loads, parents, q)
     jobs = [
-        Job(robot, loads, source, np.tile(q0, (len(loads), 1)))
+        ContinuationProblem(robot, loads, source, np.tile(q0, (len(loads), 1)))
         for robot, q0 in zip(robots, start, strict=True)
     ]
     limits = (options.tolerance, options.max_iterations, options.lanes)
@@ -105,7 +106,7 @@ def follow(
     results = []
     for numbers in np.array_split(np.arange(len(jobs)), groups):  # of equal sizes: no compilation for a rest
         group = slice(numbers[0], numbers[-1] + 1)
-        solved = run(jobs[group], *limits, done)
+        solved = solve_paths(jobs[group], *limits, done)
         jumps = [np.zeros(len(loads), dtype=bool)] * len(solved)
         if snaps:
             jumps = find_jumps(robots[group], solved, loads, source, options.tolerance, options.lanes)
@@ -142,7 +143,7 @@ def _checked(
 
 
 def _result(
-    path: Path, metric: Float[np.ndarray, "dofs dofs"], snapped: Bool[np.ndarray, " loads"]
+    path: ContinuationState, metric: Float[np.ndarray, "dofs dofs"], snapped: Bool[np.ndarray, " loads"]
 ) -> Equilibria:
     """The record of a path that is done; λ of ∇²Π v = λ M v from the whitened Hessian."""
     whitener = np.linalg.inv(np.linalg.cholesky(metric))

@@ -21,7 +21,7 @@ from exosight.mechanics.energy import Evaluation, potential, stiffness
 from exosight.mechanics.robot import Robot
 
 
-class Path(NamedTuple):
+class ContinuationState(NamedTuple):
     """Where one robot is on its path: the accepted point, the trial point, and what was found so far.
 
     load, steps        index of the load being solved (its number of loads once done), and steps spent on it
@@ -54,7 +54,7 @@ class Path(NamedTuple):
     bumps: Bool[AnyArray, " loads"]
 
 
-def begin(q: Float[AnyArray, " dofs"], room: int, channels: int) -> Path:
+def begin(q: Float[AnyArray, " dofs"], room: int, channels: int) -> ContinuationState:
     """A path with room for so many loads about to start from q; in NumPy, as it is filled in from Python."""
     dofs = len(q)
     zeros: Any = np.zeros
@@ -65,7 +65,7 @@ def begin(q: Float[AnyArray, " dofs"], room: int, channels: int) -> Path:
         load_energy=zeros(channels),
         load_gradient=zeros((channels, dofs)),
     )
-    return Path(
+    return ContinuationState(
         load=zeros((), int),
         steps=zeros((), int),
         q=zeros(dofs) + q,
@@ -98,7 +98,7 @@ def metric_of(robot: Robot) -> Float[Array, "dofs dofs"]:
     return elastic + jnp.diag(jnp.where(own > 0, 1e-9 * own, jnp.where(mean > 0, mean, 1.0)))
 
 
-def stepper(
+def newton_stepper(
     robot: Robot,
     loads: Float[AnyArray, "loads channels"],
     parents: Int[AnyArray, " loads"],
@@ -106,7 +106,7 @@ def stepper(
     count: Int[AnyArray, ""],
     tolerance: Float[AnyArray, ""],
     max_iterations: Int[AnyArray, ""],
-) -> Callable[[Path], Path]:
+) -> Callable[[ContinuationState], ContinuationState]:
     """The function that takes a path one Newton step further, and to its next load when it has converged.
 
     Only the first `count` loads are meant; each starts from the equilibrium at one before it, its parent, or
@@ -123,7 +123,7 @@ def stepper(
     def relative(gradient: Array, q: Array) -> Array:
         return jnp.linalg.norm(solve_triangular(factor, gradient, lower=True)) / (size(q) + unit)
 
-    def advance(path: Path) -> Path:
+    def advance(path: ContinuationState) -> ContinuationState:
         load = jnp.minimum(path.load, count - 1)
         trial = jnp.asarray(path.q + path.fraction * path.step)
         there, motion = evaluate(trial, loads[load])
@@ -180,7 +180,9 @@ def stepper(
         shorter = jnp.clip(-0.5 * expected / jnp.maximum(change - expected, 1e-300), 0.1, 0.5)
         retry = ~accept & ~moved_on
         step = jnp.where(retry, path.step, p)
-        reach = jnp.min(jnp.stack([jnp.array(1.0), *(term.reach(robot, motion, p) for term in robot.terms)]))
+        reach = jnp.min(
+            jnp.stack([jnp.array(1.0), *(term.max_step_fraction(robot, motion, p) for term in robot.terms)])
+        )
         fraction = jnp.where(retry, path.fraction * shorter, reach)
         slope = jnp.where(retry, path.slope, here.gradient @ p)
 
@@ -192,7 +194,7 @@ def stepper(
         found = put(path.found, q)
         elsewhere = moved_on & ~onwards
         parent = parents[following]
-        return Path(
+        return ContinuationState(
             load=jnp.minimum(path.load + moved_on, count),
             steps=jnp.where(moved_on, 0, steps),
             q=jnp.where(elsewhere, jnp.where(parent < 0, starts[following], found[parent]), q),

@@ -68,7 +68,7 @@ class Term(eqx.Module):
     """An energy; give it an `energy`, or for speed a `bind`.
 
     A term whose derivatives say nothing of what is just ahead (a gap says nothing of the contact behind it)
-    also has a `reach`; one that is scaled by loads says how many it needs.
+    also has a `max_step_fraction`; one that is scaled by loads says how many it needs.
     """
 
     @property
@@ -124,7 +124,7 @@ class Term(eqx.Module):
 
         return expand
 
-    def reach(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
+    def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
         """The largest fraction of `step` from `motion` that the expansion there can be trusted for."""
         return jnp.array(jnp.inf)
 

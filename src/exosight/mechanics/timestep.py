@@ -30,8 +30,8 @@ from exosight.mechanics.energy import damping, potential
 from exosight.mechanics.kinematics import pull_back
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
+from exosight.mechanics.rotation_wrap import wrap_rotations
 from exosight.mechanics.tree import Tree
-from exosight.mechanics.winding import unwound
 
 STAGES = 6
 _DIAGONAL = 0.25
@@ -58,7 +58,7 @@ _NEWTON_STEPS = 10
 """Newton steps for a stage before its time step is shortened."""
 
 
-class Way(NamedTuple):
+class IntegrationState(NamedTuple):
     """Where one robot is on its way: the last accepted time, the step being tried, the stage being solved.
 
     time, q, v         the accepted point [s; coordinates; coordinates/s]
@@ -96,7 +96,7 @@ class Way(NamedTuple):
     failed: Bool[AnyArray, ""]
 
 
-class Leg(NamedTuple):
+class Interval(NamedTuple):
     """From one reported time to the next: times [s], and the loads at both, linear in between."""
 
     start: Float[AnyArray, ""]
@@ -105,10 +105,10 @@ class Leg(NamedTuple):
     next_load: Float[AnyArray, " channels"]
 
 
-def begin(time: float, q: np.ndarray, v: np.ndarray, channels: int) -> Way:
-    """A way about to start; in NumPy."""
+def begin(time: float, q: np.ndarray, v: np.ndarray, channels: int) -> IntegrationState:
+    """The state at the start; in NumPy."""
     none, zero = np.zeros(()), np.zeros((), int)
-    return Way(
+    return IntegrationState(
         time=none + time,
         q=q,
         v=v,
@@ -150,14 +150,14 @@ def spatial_inertia(tree: Tree) -> Callable[[Float[Array, "frames 4 4"]], Float[
     return at
 
 
-def stepper(
+def time_stepper(
     robot: Robot,
-    leg: Leg,
+    interval: Interval,
     tolerance: Float[AnyArray, ""],
     largest: Float[AnyArray, ""],
     adaptive: Bool[AnyArray, ""],
-) -> Callable[[Way], Way]:
-    """The function that takes a way one Newton step further.
+) -> Callable[[IntegrationState], IntegrationState]:
+    """The function that takes a state one Newton step further.
 
     tolerance   [m]   of a step: root mean square displacement of the robot's mass
     largest     [s]   step
@@ -167,25 +167,27 @@ def stepper(
     inertia_at = spatial_inertia(robot)
     viscous = damping(robot)
     mass = sum(jnp.sum(b.mass() if isinstance(b, Rod) else b.mass) for b in robot.bodies)
-    span = leg.end - leg.start
-    load_rate = (leg.next_load - leg.load) / span
+    span = interval.end - interval.start
+    load_rate = (interval.next_load - interval.load) / span
 
-    def advance(way: Way) -> Way:
-        first, last = way.stage == 0, way.stage == STAGES - 1
-        base = jnp.stack([jnp.asarray(way.q), jnp.asarray(way.v)]) + way.step * jnp.einsum(
-            "s,sij->ij", _at(_TABLE, way.stage), way.slopes
+    def advance(state: IntegrationState) -> IntegrationState:
+        first, last = state.stage == 0, state.stage == STAGES - 1
+        base = jnp.stack([jnp.asarray(state.q), jnp.asarray(state.v)]) + state.step * jnp.einsum(
+            "s,sij->ij", _at(_TABLE, state.stage), state.slopes
         )
-        implicit = jnp.where(first, 0.0, _DIAGONAL * way.step)
-        v = base[1] + implicit * jnp.asarray(way.a)
+        implicit = jnp.where(first, 0.0, _DIAGONAL * state.step)
+        v = base[1] + implicit * jnp.asarray(state.a)
         q = base[0] + implicit * v
-        load = leg.load + (way.time + _at(_PLACES, way.stage) * way.step - leg.start) * load_rate
+        load = (
+            interval.load + (state.time + _at(_PLACES, state.stage) * state.step - interval.start) * load_rate
+        )
 
         # Differentiated along v for dJ/dt; what is not needed of it is never computed.
         (here, motion), (_, moving) = jax.jvp(lambda q: evaluate(q, jnp.asarray(load)), (q,), (v,))
         jacobian, inertia = motion.jacobian, inertia_at(motion.pose)
         twist = jacobian @ v
         momentum = _times(inertia, twist)
-        acceleration = jacobian @ jnp.asarray(way.a) + moving.jacobian @ v
+        acceleration = jacobian @ jnp.asarray(state.a) + moving.jacobian @ v
         wrench = _times(inertia, acceleration) - _times(lie.coad(momentum), twist)
         # Stage 0 is solved for a alone: the limit of a stage of no length.
         length = jnp.where(first, 1e-14, implicit)
@@ -210,56 +212,56 @@ def stepper(
 
         # Converged once the distance still to go, by the rate so far, is small beside the tolerance.
         size = distance(change)
-        rate = jnp.where(way.tries > 0, size / jnp.maximum(way.size, 1e-300), way.rate)
+        rate = jnp.where(state.tries > 0, size / jnp.maximum(state.size, 1e-300), state.rate)
         left = size * rate / jnp.maximum(1 - rate, 0.1)
         solved = first | (left < 1e-2 * tolerance)
-        tries = way.tries + 1
+        tries = state.tries + 1
         lost = massless | ~jnp.isfinite(size) | (~solved & ((rate > 2) | (tries >= _NEWTON_STEPS)))
         solved = solved & ~lost
-        a = way.a + change / length**2
+        a = state.a + change / length**2
         v = v + jnp.where(first, 0.0, change / length)
         q = q + jnp.where(first, 0.0, change)
-        here_now = jnp.arange(STAGES) == way.stage
-        slopes = jnp.where((here_now & solved)[:, None, None], jnp.stack([v, a]), way.slopes)
-        forces = jnp.where((here_now & solved)[:, None], here.load_energy, way.forces)
+        here_now = jnp.arange(STAGES) == state.stage
+        slopes = jnp.where((here_now & solved)[:, None, None], jnp.stack([v, a]), state.slopes)
+        forces = jnp.where((here_now & solved)[:, None], here.load_energy, state.forces)
 
         # The end of a step, and of stage 0, from which the first step begins.
-        error = jnp.tensordot(_ERROR, slopes, 1) * way.step
-        error = jnp.maximum(distance(error[0]), way.step * distance(error[1])) / tolerance
+        error = jnp.tensordot(_ERROR, slopes, 1) * state.step
+        error = jnp.maximum(distance(error[0]), state.step * distance(error[1])) / tolerance
         good = (error <= 1) | ~adaptive
         arrived = solved & last & good
         refused = lost | (solved & last & ~good)
         factor = jnp.where(lost, 0.25, jnp.clip(0.9 * error**-0.25, 0.2, 5.0))
         near = jnp.sqrt(tolerance / jnp.maximum(distance(a), 1e-300))
-        chosen = jnp.where(arrived | refused, way.step * factor, way.wanted)
-        chosen = jnp.where(first & jnp.isinf(way.wanted), near, chosen)
-        given_step = jnp.where(refused, 0.25 * way.step, jnp.where(arrived | first, largest, way.wanted))
+        chosen = jnp.where(arrived | refused, state.step * factor, state.wanted)
+        chosen = jnp.where(first & jnp.isinf(state.wanted), near, chosen)
+        given_step = jnp.where(refused, 0.25 * state.step, jnp.where(arrived | first, largest, state.wanted))
         wanted = jnp.minimum(jnp.where(adaptive, chosen, given_step), largest)
-        time = jnp.where(arrived, way.time + way.step, way.time)
-        time = jnp.where(leg.end - time < 1e-9 * span, leg.end, time)
+        time = jnp.where(arrived, state.time + state.step, state.time)
+        time = jnp.where(interval.end - time < 1e-9 * span, interval.end, time)
         known = arrived | (first & solved)
-        time_to_touch = [term.reach(robot, motion, v) for term in robot.terms]
-        touch = jnp.where(known, jnp.min(jnp.stack([jnp.array(jnp.inf), *time_to_touch])), way.touch)
+        time_to_touch = [term.max_step_fraction(robot, motion, v) for term in robot.terms]
+        touch = jnp.where(known, jnp.min(jnp.stack([jnp.array(jnp.inf), *time_to_touch])), state.touch)
         moved = jacobian @ v
         spent = jnp.sum(_WEIGHTS * jnp.einsum("sp,pq,sq->s", slopes[:, 0], viscous, slopes[:, 0]))
         given = _WEIGHTS @ (forces @ load_rate)
         starts = known | refused
-        other_q, other_v, rewritten = unwound(robot, q, v)
+        other_q, other_v, rewritten = wrap_rotations(robot, q, v)
         rewritten = rewritten & arrived  # then the acceleration is found anew, by stage 0
-        stage = jnp.where(rewritten, 0, jnp.where(starts, 1, way.stage + solved))
-        return Way(
+        stage = jnp.where(rewritten, 0, jnp.where(starts, 1, state.stage + solved))
+        return IntegrationState(
             time=time,
-            q=jnp.where(arrived, other_q, way.q),
-            v=jnp.where(arrived, other_v, way.v),
-            kinetic=jnp.where(known, 0.5 * jnp.sum(moved * _times(inertia, moved)), way.kinetic),
+            q=jnp.where(arrived, other_q, state.q),
+            v=jnp.where(arrived, other_v, state.v),
+            kinetic=jnp.where(known, 0.5 * jnp.sum(moved * _times(inertia, moved)), state.kinetic),
             potential=jnp.where(
-                known, here.energy + jnp.where(first, 0.0, here.gradient @ change), way.potential
+                known, here.energy + jnp.where(first, 0.0, here.gradient @ change), state.potential
             ),
-            dissipated=way.dissipated + jnp.where(arrived, way.step * spent, 0.0),
-            supplied=way.supplied + jnp.where(arrived, way.step * given, 0.0),
+            dissipated=state.dissipated + jnp.where(arrived, state.step * spent, 0.0),
+            supplied=state.supplied + jnp.where(arrived, state.step * given, 0.0),
             touch=touch,
             wanted=wanted,
-            step=jnp.where(starts, next_step(time, wanted, touch, leg), way.step),
+            step=jnp.where(starts, next_step(time, wanted, touch, interval), state.step),
             stage=stage,
             tries=jnp.where(solved | refused, 0, tries),
             a=jnp.where(refused, slopes[0, 1], a),
@@ -267,19 +269,19 @@ def stepper(
             rate=jnp.where(refused, 1.0, jnp.where(solved, jnp.clip(rate, 1e-3, 1.0) ** 0.8, rate)),
             slopes=slopes.at[0].set(jnp.where(arrived, slopes[-1], slopes[0])),
             forces=forces.at[0].set(jnp.where(arrived, forces[-1], forces[0])),
-            steps=way.steps + arrived,
-            rejected=way.rejected + refused,
-            failed=way.failed | (refused & (first | (wanted < 1e-9 * span))),
+            steps=state.steps + arrived,
+            rejected=state.rejected + refused,
+            failed=state.failed | (refused & (first | (wanted < 1e-9 * span))),
         )
 
     return advance
 
 
 def next_step(
-    time: Float[AnyArray, ""], wanted: Float[AnyArray, ""], touch: Float[AnyArray, ""], leg: Leg
+    time: Float[AnyArray, ""], wanted: Float[AnyArray, ""], touch: Float[AnyArray, ""], interval: Interval
 ) -> Float[Array, ""]:
     """The step [s] to try: equal parts of what is left, none longer than wanted or past a closing contact."""
-    left = leg.end - time
+    left = interval.end - time
     parts = jnp.ceil(left / jnp.maximum(wanted, 1e-300) - 1e-9)
     return jnp.minimum(left / jnp.maximum(parts, 1.0), touch)
 

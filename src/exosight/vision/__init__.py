@@ -3,7 +3,7 @@
 corruptions   the paper's noise and contrast
 appearance    how pictures may differ, drawn frame by frame as numbers; augment makes pictures so
 lighting      how the bodies' shades and their light may differ when they are rendered
-unlike        pictures without the plant, and what is kept for testing
+ood_images    pictures without the plant, and what is kept for testing
 """
 
 from exosight.vision.appearance import (
@@ -18,16 +18,16 @@ from exosight.vision.augment import augment
 from exosight.vision.camera import Camera, project, resized
 from exosight.vision.corruptions import CORRUPTIONS, add_noise, corrupt, set_contrast
 from exosight.vision.lighting import Lighting, LightingVariation, draw_lighting
+from exosight.vision.ood_images import HELD_OUT, OOD_KINDS, draw_ood_images
 from exosight.vision.renderer import BACKGROUND, Light, Tube, render
-from exosight.vision.unlike import HELD_OUT, UNLIKE, unlike_images
 from exosight.vision.view import moved
 
 __all__ = [
     "BACKGROUND",
     "CORRUPTIONS",
     "HELD_OUT",
+    "OOD_KINDS",
     "TRAINING",
-    "UNLIKE",
     "Appearance",
     "AppearanceVariation",
     "Camera",
@@ -40,6 +40,7 @@ __all__ = [
     "corrupt",
     "draw_appearance",
     "draw_lighting",
+    "draw_ood_images",
     "from_table",
     "moved",
     "project",
@@ -47,5 +48,4 @@ __all__ = [
     "resized",
     "set_contrast",
     "to_table",
-    "unlike_images",
 ]

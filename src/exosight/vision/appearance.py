@@ -12,9 +12,9 @@ from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from exosight.errors import InputError
-from exosight.ranges import rising
+from exosight.validation import rising
 from exosight.vision.background import BACKGROUNDS, HELD_OUT_BACKGROUNDS, Background
-from exosight.vision.chance import Seed, pick, uniforms
+from exosight.vision.counter_rng import Seed, pick, uniforms
 from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS, OCCLUSIONS, Occlusion
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]

@@ -13,9 +13,9 @@ from jaxtyping import UInt8
 from exosight.errors import InputError
 from exosight.vision.appearance import BACKGROUND_KINDS, COLUMNS, OCCLUSION_KINDS, Appearance, to_table
 from exosight.vision.background import background
-from exosight.vision.chance import STEP, mix, normal_quantiles
 from exosight.vision.compiling import compiled
 from exosight.vision.corruptions import NOISE_MEAN
+from exosight.vision.counter_rng import STEP, mix, normal_quantiles
 from exosight.vision.lighting import FINGER_SHADE
 from exosight.vision.occlusion import draw_fingers, occluder, put_before
 from exosight.vision.renderer import BACKGROUND

@@ -8,8 +8,8 @@ from jaxtyping import Float, Integer
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from exosight.ranges import rising
-from exosight.vision.chance import Seed, uniforms
+from exosight.validation import rising
+from exosight.vision.counter_rng import Seed, uniforms
 from exosight.vision.renderer import AMBIENT, LAMP, Light
 
 FINGER_SHADE = 0.70

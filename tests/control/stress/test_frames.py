@@ -10,7 +10,7 @@ from exosight.control.batch import BatchPlant
 from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import Burst, Episode, draw_episode
-from exosight.control.stress.frames import Frames, camera_sensor, true_sensor
+from exosight.control.stress.frames import FrameDelivery, camera_sensor, true_sensor
 from exosight.vision import BACKGROUND, Camera
 
 QUIET = StressConfig(dropped=(0.0, 0.0), repeated=(0.0, 0.0), bursts=0, latency=(0.0, 0.0))
@@ -49,38 +49,38 @@ def episodes(**changes) -> list[Episode]:
     return [replace(episode, **changes) for episode in drawn]
 
 
-def told(frames: Frames, plants: Plants, force: float, step: int):
-    sight = frames.sights(plants.at(force), step)[0]
-    return None if sight.reading is None else float(sight.reading.forces.sum()), sight
+def told(frames: FrameDelivery, plants: Plants, force: float, step: int):
+    measurement = frames.measurements(plants.at(force), step)[0]
+    return None if measurement.reading is None else float(measurement.reading.forces.sum()), measurement
 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])
 def test_frames_are_as_old_as_they_say_and_come_with_the_u_of_their_time(latency):
-    plants, frames = Plants(), Frames(episodes(latency=latency), true_sensor)
+    plants, frames = Plants(), FrameDelivery(episodes(latency=latency), true_sensor)
     forces = [0.0, 0.1, 0.2, 0.3, 0.4]
     for step, force in enumerate(forces):
-        seen, sight = told(frames, plants, force, step)
+        seen, measurement = told(frames, plants, force, step)
         then = forces[max(step - latency, 0)]  # before the first step the plant stood at rest
         assert seen == pytest.approx(then)
-        assert sight.age == pytest.approx(0.1 * latency)
-        assert sight.u == pytest.approx(10 * then)
+        assert measurement.age == pytest.approx(0.1 * latency)
+        assert measurement.u == pytest.approx(10 * then)
 
 
 def test_a_lost_frame_tells_nothing_and_a_repeated_one_the_last_thing_again():
     steps = len(episodes()[0].target)
     lost, again = np.zeros(steps, bool), np.zeros(steps, bool)
     lost[1], again[3] = True, True
-    plants, frames = Plants(), Frames(episodes(lost=lost, again=again), true_sensor)
+    plants, frames = Plants(), FrameDelivery(episodes(lost=lost, again=again), true_sensor)
     assert told(frames, plants, 0.1, 0)[0] == pytest.approx(0.1)
-    nothing, sight = told(frames, plants, 0.2, 1)
+    nothing, measurement = told(frames, plants, 0.2, 1)
     assert nothing is None
-    assert sight.image is None
+    assert measurement.image is None
     third, before = told(frames, plants, 0.3, 2)
     assert third == pytest.approx(0.3)
-    repeated, sight = told(frames, plants, 0.4, 3)
+    repeated, measurement = told(frames, plants, 0.4, 3)
     assert repeated == pytest.approx(0.3)
-    np.testing.assert_array_equal(sight.image, before.image)
-    assert sight.u == pytest.approx(4.0)  # the plant itself is not fooled
+    np.testing.assert_array_equal(measurement.image, before.image)
+    assert measurement.u == pytest.approx(4.0)  # the plant itself is not fooled
 
 
 def test_bytes_stand_for_pictures_where_there_is_no_camera():
@@ -96,10 +96,10 @@ def test_bytes_stand_for_pictures_where_there_is_no_camera():
 def test_noise_scatters_true_forces_and_what_hides_the_picture_is_noticed():
     noisy, hidden = Burst(0, 4, 0.0, 0.1, 3), Burst(3, 9, 0.3, 0.0, 4)
     own, plants = episodes(bursts=(noisy, hidden)), Plants()
-    for step, (scatters, unlike) in {0: (True, False), 4: (True, True), 9: (False, True)}.items():
+    for step, (scatters, ood) in {0: (True, False), 4: (True, True), 9: (False, True)}.items():
         _, reading = true_sensor(plants.at(0.2), own, step)
         assert (abs(float(reading.forces[0].sum()) - 0.2) > 1e-6) == scatters
-        assert (reading.unlike[0] > 1) == unlike
+        assert (reading.ood_score[0] > 1) == ood
     again = [true_sensor(plants.at(0.2), own, 1)[1].forces for _ in range(2)]
     np.testing.assert_array_equal(*again)  # the same each time
 
@@ -127,9 +127,9 @@ def test_a_cameras_picture_is_noisy_or_hidden_as_long_as_the_spell_lasts():
 
 def test_the_networks_own_numbers_reach_the_controller():
     estimator, plants = OnnxEstimator.load(DEFAULT_MODEL), Plants()
-    sights = Frames(episodes(camera=Camera()), camera_sensor(estimator)).sights(plants, 0)
+    measurements = FrameDelivery(episodes(camera=Camera()), camera_sensor(estimator)).measurements(plants, 0)
     expected = estimator.read(plants.pictures(Camera(), np.array([0])))
-    for sight in sights:
-        assert sight.reading is not None
-        np.testing.assert_allclose(sight.reading.forces, expected.forces, atol=1e-5)  # float32
-        np.testing.assert_allclose(sight.reading.high, expected.high, atol=1e-5)
+    for measurement in measurements:
+        assert measurement.reading is not None
+        np.testing.assert_allclose(measurement.reading.forces, expected.forces, atol=1e-5)  # float32
+        np.testing.assert_allclose(measurement.reading.high, expected.high, atol=1e-5)

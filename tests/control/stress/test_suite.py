@@ -10,7 +10,7 @@ from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import Episode, draw_episode
 from exosight.control.stress.frames import true_sensor
 from exosight.control.stress.measures import measure_episode, summary
-from exosight.control.stress.suite import Bare, Traces, run_episodes
+from exosight.control.stress.suite import Traces, Unguarded, run_episodes
 from exosight.control.tuning import tune
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
@@ -57,7 +57,7 @@ def test_without_trouble_it_does_what_one_plant_alone_does(config):
         moving_user=False,
     )
     own = [draw_episode(calm, 0, number, Camera()) for number in range(COUNT)]
-    traces = run_episodes(own, [Bare(Proportional(5.0)) for _ in own], true_sensor)
+    traces = run_episodes(own, [Unguarded(Proportional(5.0)) for _ in own], true_sensor)
     law, plant = Proportional(5.0), SimulatedPlant(Exosuit(CONTROL_SHAPE), resized(Camera(), 48, 32))
     seen = plant.reset()
     for step in range(1, len(own[1].target)):

@@ -23,8 +23,8 @@ def control(model: MaybePath = None, out: MaybePath = None, json: Json = None) -
     """
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
+    from exosight.app.control_command import run_trials, summaries, trials_table, write_trials
     from exosight.app.pipeline import camera_of
-    from exosight.app.trials import run_trials, summaries, trials_table, write_trials
     from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, true_force
     from exosight.exosuit.assembly import Exosuit
     from exosight.vision.camera import Camera

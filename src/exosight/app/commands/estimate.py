@@ -54,16 +54,16 @@ def estimate(
                 strict=True,
             )
         ]
-        unlike = round(float(read.unlike[0]), 3)
+        ood_score = round(float(read.ood_score[0]), 3)
         net = round(float(read.forces.sum()), 6)
-        found.append({"image": str(path), "F_net_N": net, "unlike": unlike, "contacts": rows})
+        found.append({"image": str(path), "F_net_N": net, "ood_score": ood_score, "contacts": rows})
         if json is None:
             cells = tuple(tuple(row.values()) for row in rows)
             note = f"F_net {net:.3f} N"
             show(Table("forces", f"{path}, {100 * level:g} % intervals", _COLUMNS, cells, note))
-            if unlike > 1:
+            if ood_score > 1:
                 say(
-                    f"do not trust these: the picture is unlike those learned from (score {unlike:g}, "
+                    f"do not trust these: the picture is unlike those learned from (score {ood_score:g}, "
                     "trusted up to 1)"
                 )
     if json is not None:

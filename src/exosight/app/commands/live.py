@@ -29,7 +29,7 @@ def live(
     length: float = 0.095,
     young: float = 300e3,
     contact_limit: Positive = 0.5,
-    slew: Positive = 10.0,
+    max_rate: Positive = 10.0,
     model: MaybePath = None,
     json: Json = None,
 ) -> None:
@@ -57,7 +57,7 @@ def live(
         length: its length [m], 0.07…0.11
         young: its Young's modulus [Pa], 1e3…1e9
         contact_limit: largest force on any one contact [N]
-        slew: largest change of u a second [N/s]
+        max_rate: largest change of u a second [N/s]
         model: exported network, from exosight train; the one that comes with the package if left out
         json: write timing and the guard's log as JSON to a new file, or to stdout with "-"
     """
@@ -78,7 +78,7 @@ def live(
     place, steps = model or DEFAULT_MODEL, max(1, round(seconds * rate))
     log = Log(say)
     say("tuning the controller on a simulation of the exosuit")
-    limits = {"contact_limit": contact_limit, "rate": slew, "period": 1 / rate}
+    limits = {"contact_limit": contact_limit, "rate": max_rate, "period": 1 / rate}
     try:
         if source is None:
             on_simulation(exosuit, limits, place, [target] * steps, record, log)

@@ -19,8 +19,8 @@ SHIPPED = "shipped"
 def train(
     data: Path,
     out: Path,
-    more: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH …", help_behavior_hint="")] = (),
-    fresh: Annotated[int, tyro.conf.arg(metavar="SHAPES")] = 0,
+    extra_data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH …", help_behavior_hint="")] = (),
+    online_shapes: Annotated[int, tyro.conf.arg(metavar="SHAPES")] = 0,
     pretrained: Annotated[str | None, tyro.conf.arg(metavar="MODEL", help_behavior_hint="")] = None,
     protocol: Literal["shape", "frame", "family", "variation"] = "shape",
     held_out: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None,
@@ -44,9 +44,9 @@ def train(
     Args:
         data: folder of a dataset, from `exosight generate`
         out: folder of the run; it must not exist, unless --resume
-        more: folders of further datasets to learn from; what --data keeps for judging is left out of them, as
-            is what --held-out names
-        fresh: shapes of each scenario simulated anew for every epoch, and learned from in it alone
+        extra_data: folders of further datasets to learn from; what --data keeps for judging is left out of
+            them, as is what --held-out names
+        online_shapes: shapes of each scenario simulated anew for every epoch, and learned from in it alone
         pretrained: a network to start from in place of random weights: its model.onnx, or 'shipped'
         protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's), or with the
             test part that --held-out names: family or variation (unseen stiffness, unseen cameras)
@@ -58,10 +58,10 @@ def train(
     """
     if out.exists() and not resume:
         raise DataError(f"{out}: exists already; name a new folder, or add --resume to go on with its run")
-    if fresh < 0 or (fresh and protocol in ("family", "variation")):
+    if online_shapes < 0 or (online_shapes and protocol in ("family", "variation")):
         raise InputError(
-            f"--fresh: expected 0 or more shapes, and not with --protocol {protocol}, as they would hold "
-            f"what is held out, got {fresh}"
+            f"--online-shapes: expected 0 or more shapes, and not with --protocol {protocol}, as they would "
+            f"hold what is held out, got {online_shapes}"
         )
     # Here, so that --help and wrong options answer at once.
     from exosight.app.pipeline import MODEL, check_training, divided, fit, load
@@ -73,7 +73,7 @@ def train(
 
     place = DEFAULT_MODEL if pretrained == SHIPPED else Path(pretrained) if pretrained else None
     begun = load_pretrained(place) if place else None
-    with join(config.device) as team:
+    with join(config.device) as group:
         loaded = load(data)
         split = divided(loaded, protocol, split_seed, held_out)
         with progress("training", "steps") as update:
@@ -82,14 +82,14 @@ def train(
                 split,
                 config,
                 out,
-                more=more,
-                fresh=fresh,
+                extra_data=extra_data,
+                online_shapes=online_shapes,
                 pretrained=begun,
                 resume=resume,
                 progress=update,
-                team=team,
+                group=group,
             )
-    if not team.first:
+    if not group.first:
         return
     parts = (len(split.train), len(split.validation), len(split.test))
     say("{} of its frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))

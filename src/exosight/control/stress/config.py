@@ -6,7 +6,7 @@ from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass as configuration
 
 from exosight.exosuit.variation import PlantVariation
-from exosight.ranges import rising
+from exosight.validation import rising
 
 Kind = Literal["constant", "snap", "steps", "ramp", "sine"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

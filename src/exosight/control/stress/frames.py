@@ -8,7 +8,7 @@ from jaxtyping import UInt8
 
 from exosight.control.batch import BatchPlant
 from exosight.control.estimator import Reader, Reading
-from exosight.control.guard import Sight
+from exosight.control.guard import Measurement
 from exosight.control.loop import RATE
 from exosight.control.stress.episodes import Burst, Episode
 from exosight.vision.corruptions import add_noise
@@ -41,18 +41,18 @@ def true_sensor(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tu
     The pictures are a few bytes that differ where forces do, for the guard to compare.
     """
     forces = plant.state.forces[:, 1:].astype(np.float32)
-    unlike = np.zeros(len(forces), np.float32)
+    ood_score = np.zeros(len(forces), np.float32)
     for i, episode in enumerate(episodes):
         for burst in _now(episode, step):
             scatter = 0.1 * np.sqrt(burst.noise)  # [N]
             forces[i] += np.random.default_rng([burst.seed, step]).normal(0.0, scatter, 7)
-            unlike[i] = 2.0 if burst.hidden else unlike[i]
+            ood_score[i] = 2.0 if burst.hidden else ood_score[i]
     bounds = np.tile(np.array([0, 255], np.uint8), (len(forces), 1))
     images = np.concatenate([bounds, forces.view(np.uint8)], axis=1)[:, None]
-    return images, Reading(forces, forces, forces, (forces > 0).astype(np.float32), unlike)
+    return images, Reading(forces, forces, forces, (forces > 0).astype(np.float32), ood_score)
 
 
-class Frames:
+class FrameDelivery:
     """The frames of all episodes on their way from camera to controller.
 
     sensor   what looks at the plants
@@ -65,7 +65,7 @@ class Frames:
         )
         self._last: list[tuple[np.ndarray, Reading] | None] = [None] * len(episodes)
 
-    def sights(self, plant: BatchPlant, step: int) -> list[Sight]:
+    def measurements(self, plant: BatchPlant, step: int) -> list[Measurement]:
         """Look at the plants, and hand out what reaches the controllers in this step, one an episode.
 
         Before the first step every plant has stood at rest, and was looked at, for long.
@@ -79,7 +79,9 @@ class Frames:
                 image, read = before  # the camera does not notice: its age and u are those of a new one
             self._last[i] = image, read
             seen.append(
-                Sight() if episode.lost[step] else Sight(image, read, episode.latency / RATE, float(u[i]))
+                Measurement()
+                if episode.lost[step]
+                else Measurement(image, read, episode.latency / RATE, float(u[i]))
             )
         return seen
 
@@ -87,7 +89,7 @@ class Frames:
 def _row(reading: Reading, i: int) -> Reading:
     own = slice(i, i + 1)
     return Reading(
-        reading.forces[own], reading.low[own], reading.high[own], reading.contact[own], reading.unlike[own]
+        reading.forces[own], reading.low[own], reading.high[own], reading.contact[own], reading.ood_score[own]
     )
 
 

@@ -8,16 +8,16 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from exosight.control.batch import BatchPlant, Joints
-from exosight.control.guard import Sight, Transition
+from exosight.control.guard import Measurement, Transition
 from exosight.control.laws import Law
 from exosight.control.stress.episodes import Episode
-from exosight.control.stress.frames import Frames, Sensor
+from exosight.control.stress.frames import FrameDelivery, Sensor
 from exosight.errors import InputError
 
 
 @runtime_checkable
 class Controller(Protocol):
-    """What drives one plant: `exosight.control.Guarded`, or a law without a guard (`Bare`)."""
+    """What drives one plant: `exosight.control.Guarded`, or a law without a guard (`Unguarded`)."""
 
     log: list[Transition]
 
@@ -25,12 +25,12 @@ class Controller(Protocol):
         """Forget everything: the plant stands at u = 0."""
         ...
 
-    def step(self, target: float, sight: Sight) -> float:
+    def step(self, target: float, measurement: Measurement) -> float:
         """The actuation of the coming step [N]."""
         ...
 
 
-class Bare:
+class Unguarded:
     """A law without a guard: it believes whatever it is told, however old, and leaves u where nothing comes.
 
     law  told F_net [N], not a number where no frame came
@@ -44,9 +44,9 @@ class Bare:
         """Forget everything: the plant stands at u = 0."""
         self._law.reset()
 
-    def step(self, target: float, sight: Sight) -> float:
+    def step(self, target: float, measurement: Measurement) -> float:
         """The actuation of the coming step [N]."""
-        return self._law.next(target, sight.net_force)
+        return self._law.next(target, measurement.net_force)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ def run_episodes(
             f"{len(lengths)} lengths and {len(controllers)} controllers"
         )
     (steps,) = lengths
-    plant, frames = BatchPlant([episode.exosuit for episode in episodes]), Frames(episodes, sensor)
+    plant, frames = BatchPlant([episode.exosuit for episode in episodes]), FrameDelivery(episodes, sensor)
     target = np.stack([episode.target for episode in episodes])
     stiffness = np.stack([episode.stiffness for episode in episodes])
     rest = np.stack([episode.rest for episode in episodes])
@@ -102,14 +102,14 @@ def run_episodes(
         controller.reset()
     u, states, estimated = [np.zeros(len(episodes))], [plant.state], [np.zeros(len(episodes))]
     for step in range(1, steps):
-        sights = frames.sights(plant, step - 1)
+        measurements = frames.measurements(plant, step - 1)
         asked = [
-            controller.step(float(goal), sight)
-            for controller, goal, sight in zip(controllers, target[:, step], sights, strict=True)
+            controller.step(float(goal), measurement)
+            for controller, goal, measurement in zip(controllers, target[:, step], measurements, strict=True)
         ]
         u.append(np.array(asked))
         states.append(plant.step(u[-1], Joints(stiffness[:, step], rest[:, step])))
-        estimated.append(np.array([sight.net_force for sight in sights]))
+        estimated.append(np.array([measurement.net_force for measurement in measurements]))
         done(step, steps - 1)
     return Traces(
         target=target,

@@ -16,11 +16,11 @@ export function estimate() {
       by("file-image").src = `data:image/png;base64,${found.image}`;
       by("file-image").alt = `${picture.name}, gray, 128 by 128 pixels`;
       table(null, found.reading);
-      const strange = found.reading.unlike > 1;
+      const strange = found.reading.ood_score > 1;
       by("verdict").className = `verdict ${strange ? "bad" : ""}`;
       by("verdict").textContent = strange
-        ? `Do not trust these forces: the picture is unlike those learned from (score ${found.reading.unlike.toFixed(2)}, trusted up to 1).`
-        : `Net force ${newtons(found.reading.F_net)}; the picture is like those learned from (score ${found.reading.unlike.toFixed(2)}).`;
+        ? `Do not trust these forces: the picture is unlike those learned from (score ${found.reading.ood_score.toFixed(2)}, trusted up to 1).`
+        : `Net force ${newtons(found.reading.F_net)}; the picture is like those learned from (score ${found.reading.ood_score.toFixed(2)}).`;
       by("file-cause").textContent = `Guard, shown this picture: ${found.guard.state}; ${found.guard.cause}.`;
       by("result").hidden = by("file-result").hidden = false;
     } catch (error) {

@@ -56,7 +56,7 @@ export function explore(about, problem) {
     table(found.true, found.reading);
     by("net-true").textContent = newtons(found.F_net);
     by("net-estimated").textContent = newtons(found.reading.F_net);
-    by("unlike").textContent = `${found.reading.unlike.toFixed(2)}${found.reading.unlike > 1 ? ", do not trust" : ""}`;
+    by("ood_score").textContent = `${found.reading.ood_score.toFixed(2)}${found.reading.ood_score > 1 ? ", do not trust" : ""}`;
     by("guard").textContent = found.guard.state;
     by("guard").className = `state ${found.guard.state}`;
     by("guard-cause").textContent = `Guard, shown this picture: ${found.guard.cause}.`;

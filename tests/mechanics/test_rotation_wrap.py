@@ -18,8 +18,8 @@ from exosight.mechanics import (
     walk,
 )
 from exosight.mechanics.joint import Joint
+from exosight.mechanics.rotation_wrap import wrap_rotations
 from exosight.mechanics.timestep import spatial_inertia
-from exosight.mechanics.winding import unwound
 
 G = 9.81
 INERTIA = np.diag([0.01, 0.02, 0.025])
@@ -46,7 +46,7 @@ def test_the_other_coordinates_are_the_same_pose_and_velocity(joint: Joint) -> N
         q, v = draw.normal(size=joint.dofs), draw.normal(size=joint.dofs)
         turning = slice(0, 1 if isinstance(joint, Planar) else 3)
         q[turning] *= angle / np.linalg.norm(q[turning])
-        other, rate, changed = unwound(robot, jnp.asarray(q), jnp.asarray(v))
+        other, rate, changed = wrap_rotations(robot, jnp.asarray(q), jnp.asarray(v))
         assert bool(changed) == (angle > np.deg2rad(200))
         here, there = walk(robot, jnp.asarray(q)), walk(robot, other)
         # Round-off, of a tangent that is nearly singular at 6 rad.
@@ -65,7 +65,7 @@ def test_coordinates_that_something_depends_on_are_kept() -> None:
         body(Spherical(limits=(-5.0, 5.0), limit_stiffness=1.0)),
         body(Spherical(), torque),
     ):
-        assert not unwound(robot, q, q)[2]
+        assert not wrap_rotations(robot, q, q)[2]
 
 
 @pytest.mark.parametrize("spin", [[0.0, 12.0, 0.0], [2.0, 9.0, -4.0]])

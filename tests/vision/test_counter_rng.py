@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import kstest, norm
 
 from exosight.errors import InputError
-from exosight.vision.chance import mix, normal_quantiles, pick, uniforms
+from exosight.vision.counter_rng import mix, normal_quantiles, pick, uniforms
 
 seeds = st.integers(0, 2**63 - 1)
 

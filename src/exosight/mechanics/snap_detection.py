@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from exosight.mechanics.lanes import Job, Solved, run
-from exosight.mechanics.newton import Path
+from exosight.mechanics.batched_continuation import ContinuationProblem, Solved, solve_paths
+from exosight.mechanics.newton import ContinuationState
 from exosight.mechanics.robot import Robot
 
 UNDO_ITERATIONS = 20
@@ -27,7 +27,7 @@ HALVINGS = 6
 """Times that a doubtful step is halved. Even near a fold, where the change is the root of the distance to it,
 an eighth of a smooth change is left then; of a jump, all."""
 
-UNLIKE = 0.15, 2e-4
+DEVIATION = 0.15, 2e-4
 """How far a smooth change may lie from what the tangents at both ends lead to: relative to the larger of
 these two, and to the pose itself."""
 
@@ -73,7 +73,7 @@ def find_jumps(
         converged = np.asarray(path.converged)
         to = np.flatnonzero((source >= 0) & converged & converged[source])
         steps = _steps(number, path, factors[number], loads, source[to], to)
-        chosen = np.asarray(path.bumps)[to] | (_unlike(steps) > 0)
+        chosen = np.asarray(path.bumps)[to] | (_deviation(steps) > 0)
         places += [(number, load) for load in to[chosen].tolist()]
         doubtful.append(steps.of(chosen))
     if not places:
@@ -92,9 +92,9 @@ def find_jumps(
         tangent, leaving, arriving = 0.5 * tangent, 0.5 * steps.leaving, 0.5 * steps.arriving
         lower = steps._replace(high=middle, right=between, leaving=leaving, arriving=tangent)
         upper = steps._replace(low=middle, left=between, leaving=tangent, arriving=arriving)
-        below = _unlike(lower) > _unlike(upper)
+        below = _deviation(lower) > _deviation(upper)
         steps = _Steps(*(np.where(_column(below, a), a, b) for a, b in zip(lower, upper, strict=True)))
-        open_ = fine & (_unlike(steps) > 0)
+        open_ = fine & (_deviation(steps) > 0)
         going, steps, first = going[open_], steps.of(open_), first[open_]
     jumped[going] |= _length(steps.right - steps.left) > first / 8
     for (number, load), jump in zip(places, jumped, strict=True):
@@ -104,7 +104,7 @@ def find_jumps(
 
 def _steps(
     number: int,
-    path: Path,
+    path: ContinuationState,
     factor: Float[np.ndarray, "dofs dofs"],
     loads: Float[np.ndarray, "loads channels"],
     start: Int[np.ndarray, " n"],
@@ -120,14 +120,14 @@ def _steps(
 
 
 def _tangents(
-    path: Path, at: Int[np.ndarray, " n"], change: Float[np.ndarray, "n channels"]
+    path: ContinuationState, at: Int[np.ndarray, " n"], change: Float[np.ndarray, "n channels"]
 ) -> Float[np.ndarray, "n dofs"]:
     """dq = −(∇²Π)⁻¹ ∂∇Π/∂u du at some equilibria of a path."""
     force = np.sum(change[:, :, None] * path.load_gradients[at], axis=1)
     return -np.linalg.solve(path.hessians[at], force[:, :, None])[..., 0]
 
 
-def _unlike(steps: _Steps) -> Float[np.ndarray, " n"]:
+def _deviation(steps: _Steps) -> Float[np.ndarray, " n"]:
     """How much further than allowed a step lies from the segment between its two tangents.
 
     A smooth one lies near it, also where contacts open or close on the way and the tangent jumps.
@@ -136,7 +136,7 @@ def _unlike(steps: _Steps) -> Float[np.ndarray, " n"]:
     along = np.sum((moved - steps.leaving) * span, axis=1) / np.maximum(np.sum(span**2, axis=1), 1e-300)
     nearest = steps.leaving + np.clip(along, 0, 1)[:, None] * span
     largest = np.maximum(_length(steps.leaving), _length(steps.arriving))
-    relative, absolute = UNLIKE
+    relative, absolute = DEVIATION
     return _length(moved - nearest) - relative * largest - absolute * _length(steps.right)
 
 
@@ -155,8 +155,8 @@ def _solve(
     for own in groups:
         number = int(steps.number[own[0]])
         q = np.linalg.solve(factors[number].T, starts[own].T).T
-        jobs.append(Job(robots[number], loads[own], np.full(len(own), -1), q))
-    for own, (path, _) in zip(groups, run(jobs, *limits) if jobs else [], strict=True):
+        jobs.append(ContinuationProblem(robots[number], loads[own], np.full(len(own), -1), q))
+    for own, (path, _) in zip(groups, solve_paths(jobs, *limits) if jobs else [], strict=True):
         factor = factors[int(steps.number[own[0]])]
         converged[own], poses[own] = path.converged, path.found @ factor
         good = np.flatnonzero(path.converged)

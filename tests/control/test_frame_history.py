@@ -8,28 +8,28 @@ import pytest
 from cards import made_up
 
 from exosight.control import OnnxEstimator, from_image
-from exosight.control.memory import Memory
+from exosight.control.frame_history import FrameHistory
 from exosight.errors import InputError
-from exosight.learning.beside import APART
+from exosight.learning.model_inputs import HISTORY_SPACING
 from exosight.learning.samples import stacks
 
-CARD = made_up(4, 6, data={APART: 0.16}, past=2, actuation=True)
+CARD = made_up(4, 6, data={HISTORY_SPACING: 0.16}, history=2, actuation=True)
 
 
 def picture(gray: float) -> np.ndarray:
     return np.full((4, 6), gray, np.uint8)
 
 
-def grays(memory: Memory, steps: list[tuple[float, int]]) -> list[list[int]]:
-    """The past, newest first, that is shown beside pictures of these grays under these u [N]."""
+def grays(history: FrameHistory, steps: list[tuple[float, int]]) -> list[list[int]]:
+    """The history, newest first, that is shown beside pictures of these grays under these u [N]."""
     found = []
     for u, gray in steps:
-        beside = memory.beside(picture(gray), u)
-        assert beside.past is not None
-        assert beside.past.shape == (1, 2, 4, 6)
-        assert beside.u is not None
-        assert beside.u == pytest.approx([u])
-        found.append(beside.past[0, :, 0, 0].tolist())
+        inputs = history.inputs(picture(gray), u)
+        assert inputs.history is not None
+        assert inputs.history.shape == (1, 2, 4, 6)
+        assert inputs.u is not None
+        assert inputs.u == pytest.approx([u])
+        found.append(inputs.history[0, :, 0, 0].tolist())
     return found
 
 
@@ -39,25 +39,25 @@ def test_along_a_path_it_shows_what_the_dataset_does() -> None:
     steps = list(zip(u.tolist(), range(len(u)), strict=True))
     # The frame before each; at u = 0, where it is at rest, its own.
     expected = stacks(np.array([0, 0, 1, 2, 3, 4, 5, 6, 8]), 2, 9)[:, 1:].tolist()
-    memory = Memory(CARD)
-    assert grays(memory, steps) == expected
-    assert grays(memory, steps) == expected  # at u = 0 it forgets the way before
+    history = FrameHistory(CARD)
+    assert grays(history, steps) == expected
+    assert grays(history, steps) == expected  # at u = 0 it forgets the way before
 
 
 def test_resting_does_not_change_the_past_and_short_steps_are_not_remembered() -> None:
     steps = [(0.0, 1), (0.2, 2), (0.4, 3), (0.4, 4), (0.4, 5), (0.45, 6), (0.62, 7)]
     expected = [[1, 1], [1, 1], [2, 1], [2, 1], [2, 1], [2, 1], [3, 2]]
-    assert grays(Memory(CARD), steps) == expected
+    assert grays(FrameHistory(CARD), steps) == expected
 
 
 def test_a_network_of_one_image_is_shown_nothing_beside() -> None:
-    beside = Memory(replace(CARD, past=0, actuation=False, data={})).beside(picture(1), 0.3)
-    assert (beside.past, beside.u) == (None, None)
+    inputs = FrameHistory(replace(CARD, history=0, actuation=False, data={})).inputs(picture(1), 0.3)
+    assert (inputs.history, inputs.u) == (None, None)
 
 
 def test_a_model_that_does_not_tell_how_far_apart_is_refused() -> None:
-    with pytest.raises(InputError, match=f"how far its past images lie apart .{APART}."):
-        Memory(replace(CARD, data={}))
+    with pytest.raises(InputError, match=f"how far its history images lie apart .{HISTORY_SPACING}."):
+        FrameHistory(replace(CARD, data={}))
 
 
 @dataclass

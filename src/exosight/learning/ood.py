@@ -26,7 +26,7 @@ _RIDGE = 1e-3
 _BATCH = 256
 
 
-class Likeness(nn.Module):
+class OodDetector(nn.Module):
     """The map back, and what misfit is usual; `limit` is the score beyond which an image is unlike."""
 
     weight: Tensor
@@ -54,11 +54,11 @@ class Likeness(nn.Module):
         return ((misfit**2 - noise[:, None]) / self.usual**2).mean(1)
 
 
-def fit_likeness(
+def fit_ood_detector(
     model: ForceModel,
     images: UInt8[np.ndarray, "frames stack height width"],
     u: Float32[np.ndarray, " frames"] | None = None,
-) -> Likeness:
+) -> OodDetector:
     """From frames that the network has not learned from: the map on every other, its misfit on the rest.
 
     images   each with those before it, as many as the network sees
@@ -75,7 +75,7 @@ def fit_likeness(
     kept, loads = images[rest], None if u is None else u[rest]
     features, pictures = _seen(model, kept, loads)
     usual = ((pictures - features @ weight - bias) ** 2).mean(0).sqrt() + _FAINT
-    found = Likeness(weight.float(), bias.float(), usual.float(), limit=1.0)
+    found = OodDetector(weight.float(), bias.float(), usual.float(), limit=1.0)
     noisy = add_noise(kept.reshape(-1, *kept.shape[2:]), NOISE, np.random.default_rng(0)).reshape(kept.shape)
     scores = []
     with torch.inference_mode():

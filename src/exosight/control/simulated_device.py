@@ -5,14 +5,14 @@ from exosight.control.simulated import SimulatedPlant
 from exosight.control.sources import Frame
 
 
-class SimulatedRig:
+class SimulatedDevice:
     """Source and actuator of the loop in real time: it renders when looked at, and solves when actuated."""
 
     def __init__(self, plant: SimulatedPlant, clock: Clock = REAL_TIME) -> None:
         self._plant, self._clock = plant, clock
         plant.reset()
 
-    def __iter__(self) -> "SimulatedRig":
+    def __iter__(self) -> "SimulatedDevice":
         return self
 
     def __next__(self) -> Frame:

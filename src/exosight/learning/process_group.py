@@ -8,14 +8,14 @@ from jaxtyping import Integer
 
 
 @dataclass(frozen=True)
-class Team:
+class ProcessGroup:
     """This process among those of its run, see `exosight.learning.parallel`."""
 
     rank: int = 0
     """its number, from 0"""
     size: int = 1
     """how many they are"""
-    neighbours: int = 1
+    local_size: int = 1
     """how many of them share this machine, itself included"""
     device: Literal["cpu", "cuda"] = "cpu"
     """what their messages are sent from"""
@@ -30,4 +30,4 @@ class Team:
         return np.array_split(batch, self.size)[self.rank]
 
 
-ALONE = Team()
+SINGLE = ProcessGroup()

@@ -19,11 +19,11 @@ from exosight.control.estimator import Reading
 from exosight.dataset import make_split, previous
 from exosight.errors import InputError
 from exosight.learning import TrainConfig
-from exosight.learning.beside import APART, Beside
 from exosight.learning.model_file import ModelCard
+from exosight.learning.model_inputs import HISTORY_SPACING, ModelInputs
 from exosight.vision.corruptions import corrupt
 
-CONFIG = TrainConfig(epochs=1, batch=8, threads=1, past=2, actuation=True)
+CONFIG = TrainConfig(epochs=1, batch=8, threads=1, history=2, actuation=True)
 
 
 @pytest.fixture(scope="session")
@@ -40,7 +40,7 @@ def card(paths: Data) -> ModelCard:
     """Of a network that has learned from that dataset."""
     split = make_split(paths.frames, "shape", 0)
     size = paths.manifest.camera
-    return made_up(size.height, size.width, data=pipeline.identity(paths, split), past=2, actuation=True)
+    return made_up(size.height, size.width, data=pipeline.identity(paths, split), history=2, actuation=True)
 
 
 class Session:
@@ -52,13 +52,15 @@ class Session:
 
 
 def test_evaluation_shows_each_frame_with_its_own_past(paths: Data, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Noise belongs to an image: the same one looks the same whether it is new or past."""
-    asked: list[tuple[np.ndarray, Beside]] = []
+    """Noise belongs to an image: the same one looks the same whether it is new or history."""
+    asked: list[tuple[np.ndarray, ModelInputs]] = []
     read = OnnxEstimator.read_levels
 
-    def watched(self, images: np.ndarray, levels: Sequence[float], beside: Beside) -> dict[float, Reading]:
-        asked.append((images, beside))
-        return read(self, images, levels, beside)
+    def watched(
+        self, images: np.ndarray, levels: Sequence[float], inputs: ModelInputs
+    ) -> dict[float, Reading]:
+        asked.append((images, inputs))
+        return read(self, images, levels, inputs)
 
     monkeypatch.setattr(OnnxEstimator, "read_levels", watched)
     found = evaluate(OnnxEstimator(Session(), card(paths)), paths, seed=4)
@@ -71,9 +73,9 @@ def test_evaluation_shows_each_frame_with_its_own_past(paths: Data, monkeypatch:
     shown = [pair for pair in asked if len(pair[0]) == len(test)]
     for pictures in (clean, noisy):
         (pair, *_) = [pair for pair in shown if np.array_equal(pair[0], pictures[test])]
-        assert pair[1].past is not None
-        assert np.array_equal(pair[1].past[:, 0], pictures[before[test]])
-        assert np.array_equal(pair[1].past[:, 1], pictures[before[before[test]]])
+        assert pair[1].history is not None
+        assert np.array_equal(pair[1].history[:, 0], pictures[before[test]])
+        assert np.array_equal(pair[1].history[:, 1], pictures[before[before[test]]])
         assert pair[1].u is not None
         assert np.array_equal(pair[1].u, paths.frames.u[test])
 
@@ -88,7 +90,7 @@ def test_training_gets_the_paths_of_all_datasets_and_of_fresh_shapes(
         yield iter([paths.frames] * 2)
 
     def kept(*arguments: object, **options: Any) -> SimpleNamespace:
-        given.update(options, about=arguments[6], block=next(options["fresh"](0)))
+        given.update(options, about=arguments[6], block=next(options["online_blocks"](0)))
         return SimpleNamespace(history=())
 
     def exported(*arguments: Any) -> None:
@@ -99,19 +101,19 @@ def test_training_gets_the_paths_of_all_datasets_and_of_fresh_shapes(
     monkeypatch.setattr("exosight.learning.train", kept)
     monkeypatch.setattr("exosight.learning.export_onnx", exported)
     split = make_split(paths.frames, "shape", 0)
-    fit(paths, split, CONFIG, tmp_path / "run", more=[data], fresh=1, resume=False)
-    assert given["about"][APART] == 0.5
+    fit(paths, split, CONFIG, tmp_path / "run", extra_data=[data], online_shapes=1, resume=False)
+    assert given["about"][HISTORY_SPACING] == 0.5
     places = np.arange(len(given["previous"]))
     assert len(places) > len(paths.frames)
     assert np.array_equal(given["previous"], np.where(places % 4 == 0, places, places - 1))
     assert len(given["u"]) == len(places)
     assert np.array_equal(given["block"].previous, previous(paths.frames))
     assert np.array_equal(given["block"].u, paths.frames.u)
-    _, _, images, _, beside = given["exported"]
+    _, _, images, _, inputs = given["exported"]
     own, before = split.validation, previous(paths.frames)
     assert np.array_equal(images, paths.frames.images[own])
-    assert np.array_equal(beside.past[:, 1], paths.frames.images[before[before[own]]])
-    assert np.array_equal(beside.u, paths.frames.u[own])
+    assert np.array_equal(inputs.history[:, 1], paths.frames.images[before[before[own]]])
+    assert np.array_equal(inputs.u, paths.frames.u[own])
 
 
 def test_commands_that_show_one_image_refuse_it(
@@ -124,7 +126,7 @@ def test_commands_that_show_one_image_refuse_it(
         ("stress", "--episodes", 1),
     ):
         sentence = refused(*words, "--model", tmp_path / "model.onnx")
-        assert "expected a network that reads one image alone, got one that asks for past 2" in sentence
+        assert "expected a network that reads one image alone, got one that asks for history 2" in sentence
 
 
 def test_the_paper_network_is_refused(data: Path, tmp_path: Path, refused: Callable[..., str]) -> None:

@@ -1,4 +1,4 @@
-"""Whether the score for unlike images tells: against what was never trained with, and where it need not."""
+"""Whether the OOD score tells: against what was never trained with, and where it need not."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, UInt8
 
 from exosight.errors import InputError
 from exosight.evaluation.tables import Cell, Column, Table
-from exosight.vision import BACKGROUND, HELD_OUT, UNLIKE, augment, draw_appearance, unlike_images
+from exosight.vision import BACKGROUND, HELD_OUT, OOD_KINDS, augment, draw_appearance, draw_ood_images
 
 Images = UInt8[np.ndarray, "frames height width"]
 Scores = Float[np.ndarray, " frames"]
@@ -21,7 +21,7 @@ CLEAN = 0.01
 
 
 @dataclass(frozen=True)
-class Unlikeness:
+class OodDetection:
     """One kind of image that an estimator should not trust."""
 
     kind: str
@@ -32,28 +32,28 @@ class Unlikeness:
     """share of them above the limit [-]"""
 
 
-def auroc(usual: Float[np.ndarray, " usual"], unlike: Float[np.ndarray, " unlike"]) -> float:
+def auroc(usual: Float[np.ndarray, " usual"], ood: Float[np.ndarray, " ood"]) -> float:
     """The probability that an unlike image scores higher than a usual one, ties counting half [-].
 
     It is the area under the receiver operating characteristic, and Mann and Whitney's U over both numbers.
 
     Raises InputError if there are none of one, or a score is not finite.
     """
-    if not (len(usual) and len(unlike) and np.isfinite(usual).all() and np.isfinite(unlike).all()):
+    if not (len(usual) and len(ood) and np.isfinite(usual).all() and np.isfinite(ood).all()):
         raise InputError(
-            f"scores: expected finite numbers of at least one image each, got {len(usual)} and {len(unlike)}"
+            f"scores: expected finite numbers of at least one image each, got {len(usual)} and {len(ood)}"
         )
     ordered = np.sort(usual)
-    below, not_above = (np.searchsorted(ordered, unlike, side=side) for side in ("left", "right"))
+    below, not_above = (np.searchsorted(ordered, ood, side=side) for side in ("left", "right"))
     return float(np.mean(below + not_above) / 2 / len(usual))
 
 
-def evaluate_unlikeness(
-    unlike: Callable[[Images, Places], Scores], images: Images, usual: Scores, seed: int
-) -> tuple[Unlikeness, ...]:
+def evaluate_ood_detection(
+    ood: Callable[[Images, Places], Scores], images: Images, usual: Scores, seed: int
+) -> tuple[OodDetection, ...]:
     """Judge the score on held-out backgrounds and occlusions, and on pictures without the plant.
 
-    unlike   images, and the frames of the test part in whose place each is seen → how unlike those learned
+    ood      images, and the frames of the test part in whose place each is seen → how unlike those learned
              from they are, as a share of the limit
     images   of the test part; held-out cases are made from those before the renderer's background, and are
              left out if none is
@@ -72,17 +72,17 @@ def evaluate_unlikeness(
         for name, variation in (HELD_OUT.items() if len(picked) else ())
     }
     cases |= {
-        kind: (lambda k=kind: unlike_images(k, count, seed, width, height), np.arange(count))
-        for kind in UNLIKE
+        kind: (lambda k=kind: draw_ood_images(k, count, seed, width, height), np.arange(count))
+        for kind in OOD_KINDS
     }
-    found = {kind: unlike(make(), places) for kind, (make, places) in cases.items()}
+    found = {kind: ood(make(), places) for kind, (make, places) in cases.items()}
     return tuple(
-        Unlikeness(kind, len(scores), auroc(usual, scores), float(np.mean(scores > 1)))
+        OodDetection(kind, len(scores), auroc(usual, scores), float(np.mean(scores > 1)))
         for kind, scores in found.items()
     )
 
 
-def unlikeness_table(name: str, caption: str, found: tuple[Unlikeness, ...]) -> Table:
+def ood_detection_table(name: str, caption: str, found: tuple[OodDetection, ...]) -> Table:
     """Return AUROC and share flagged, a row a kind."""
     columns = (
         Column("images"),

@@ -1,11 +1,11 @@
-"""The unlike score: small for pictures of the family that it was fitted on, large for any others."""
+"""The OOD score: small for pictures of the family that it was fitted on, large for any others."""
 
 import numpy as np
 import pytest
 import torch
 
-from exosight.learning.likeness import NOISE, SHARE, Likeness, fit_likeness
 from exosight.learning.networks import ForceModel, build_network
+from exosight.learning.ood import NOISE, SHARE, OodDetector, fit_ood_detector
 from exosight.vision.corruptions import add_noise
 
 
@@ -24,17 +24,17 @@ def model() -> ForceModel:
 
 
 @pytest.fixture(scope="module")
-def fitted(model: ForceModel) -> Likeness:
-    return fit_likeness(model, pictures(600, 0)[:, None])
+def fitted(model: ForceModel) -> OodDetector:
+    return fit_ood_detector(model, pictures(600, 0)[:, None])
 
 
-def score(model: ForceModel, fitted: Likeness, images: np.ndarray) -> np.ndarray:
+def score(model: ForceModel, fitted: OodDetector, images: np.ndarray) -> np.ndarray:
     part = torch.from_numpy(images[:, None]).float() / 255
     with torch.inference_mode():
         return fitted(part, model.network.features(part)).numpy()
 
 
-def test_other_pictures_score_higher_than_any_of_the_family(model: ForceModel, fitted: Likeness) -> None:
+def test_other_pictures_score_higher_than_any_of_the_family(model: ForceModel, fitted: OodDetector) -> None:
     alike = score(model, fitted, pictures(300, 1))
     rng = np.random.default_rng(2)
     stripes = np.tile(np.uint8(255) * (np.arange(32, dtype=np.uint8) // 4 % 2), (20, 32, 1))
@@ -46,7 +46,7 @@ def test_other_pictures_score_higher_than_any_of_the_family(model: ForceModel, f
 
 
 def test_the_family_is_under_the_limit_with_the_noise_that_it_allows(
-    model: ForceModel, fitted: Likeness
+    model: ForceModel, fitted: OodDetector
 ) -> None:
     alike = score(model, fitted, pictures(300, 1))
     assert np.mean(alike) < 1  # the floor of what counts as usual makes it smaller
@@ -56,7 +56,7 @@ def test_the_family_is_under_the_limit_with_the_noise_that_it_allows(
     assert np.mean(score(model, fitted, noisy) < fitted.limit) > SHARE - 4 * np.sqrt(0.01 / 300)
 
 
-def test_contrast_does_not_matter(model: ForceModel, fitted: Likeness) -> None:
+def test_contrast_does_not_matter(model: ForceModel, fitted: OodDetector) -> None:
     images = pictures(50, 5)
     faded = (60 + 0.5 * images).astype(np.uint8)
     # What is left of it: rounding to whole grays, and the floor of 1/100 under the standard deviation.

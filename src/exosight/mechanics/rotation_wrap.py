@@ -16,7 +16,7 @@ from exosight.mechanics.robot import Robot
 _TURN = np.deg2rad(200)
 
 
-def unwound(
+def wrap_rotations(
     robot: Robot, q: Float[Array, " dofs"], v: Float[Array, " dofs"]
 ) -> tuple[Float[Array, " dofs"], Float[Array, " dofs"], Bool[Array, ""]]:
     """Coordinates and rates with every free, ball or planar joint turned by less, and whether any was.

@@ -11,12 +11,12 @@ from pydantic import TypeAdapter, ValidationError
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.errors import InputError
 from exosight.learning import TrainConfig, export_onnx, load_model, train
-from exosight.learning.beside import Beside, stacked
 from exosight.learning.checkpoint import load_checkpoint
-from exosight.learning.config import MOST_PAST, Settings
+from exosight.learning.config import LONGEST_HISTORY, Settings
+from exosight.learning.model_inputs import ModelInputs, stacked
 from exosight.learning.samples import Samples, stacks
 
-PAST = 2
+HISTORY = 2
 TRAINED = np.arange(192)
 JUDGED = np.arange(192, 288)
 
@@ -56,25 +56,25 @@ def run(samples: Samples, folder: Path, identity: dict, config: TrainConfig, **o
 
 
 PLAIN = TrainConfig(epochs=12, batch=16, threads=1, precision="float32")
-KNOWING = replace(PLAIN, past=PAST, actuation=True)
+KNOWING = replace(PLAIN, history=HISTORY, actuation=True)
 
 
 @pytest.fixture(scope="module")
 def knowing(moving: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return run(moving, tmp_path_factory.mktemp("past") / "run", {"shapes": 3}, KNOWING)
+    return run(moving, tmp_path_factory.mktemp("history") / "run", {"shapes": 3}, KNOWING)
 
 
-def shown(samples: Samples, rows: np.ndarray) -> tuple[np.ndarray, Beside]:
+def shown(samples: Samples, rows: np.ndarray) -> tuple[np.ndarray, ModelInputs]:
     """Images of some frames, and all that may be shown beside them."""
     assert samples.u is not None
-    seen = stacks(samples.previous, PAST, len(samples.images))[rows]
-    return samples.images[rows], Beside(samples.images[seen[:, 1:]], samples.u[rows])
+    seen = stacks(samples.previous, HISTORY, len(samples.images))[rows]
+    return samples.images[rows], ModelInputs(samples.images[seen[:, 1:]], samples.u[rows])
 
 
 @pytest.fixture(scope="module")
 def exported(knowing: Path, moving: Samples) -> Path:
-    images, beside = shown(moving, JUDGED)
-    export_onnx(knowing, knowing / "model.onnx", images, moving.forces[JUDGED], beside)
+    images, inputs = shown(moving, JUDGED)
+    export_onnx(knowing, knowing / "model.onnx", images, moving.forces[JUDGED], inputs)
     return knowing / "model.onnx"
 
 
@@ -85,39 +85,41 @@ def error(estimated: np.ndarray, true: np.ndarray) -> np.ndarray:
 
 
 def test_it_tells_what_one_image_cannot(knowing: Path, moving: Samples) -> None:
-    """Which way it moves, and u: with the past or the u of another frame, it is as wrong as a constant."""
+    """Which way it moves, and u: with the history or the u of another frame, it is as wrong as a constant."""
     truth = moving.forces[JUDGED]
-    images, beside = shown(moving, JUDGED)
-    assert beside.past is not None
-    assert beside.u is not None
+    images, inputs = shown(moving, JUDGED)
+    assert inputs.history is not None
+    assert inputs.u is not None
     other = np.random.default_rng(0).permutation(len(images))
     model = load_model(knowing)
 
-    def answered(past: np.ndarray, u: np.ndarray) -> np.ndarray:
-        stack = stacked(images, Beside(past, u))
+    def answered(history: np.ndarray, u: np.ndarray) -> np.ndarray:
+        stack = stacked(images, ModelInputs(history, u))
         with torch.inference_mode():
             return model(torch.from_numpy(stack).float() / 255, torch.from_numpy(u))[0].numpy()
 
-    assert error(answered(beside.past, beside.u), truth).max() < 0.5
-    assert error(answered(beside.past[other], beside.u), truth)[0] > 0.9
-    assert error(answered(beside.past, beside.u[other]), truth)[2] > 0.9
+    assert error(answered(inputs.history, inputs.u), truth).max() < 0.5
+    assert error(answered(inputs.history[other], inputs.u), truth)[0] > 0.9
+    assert error(answered(inputs.history, inputs.u[other]), truth)[2] > 0.9
 
 
 def test_export_agrees_with_the_network(exported: Path, knowing: Path) -> None:
     rng = np.random.default_rng(1)
     images = rng.integers(0, 256, (70, 32, 32), np.uint8)
-    beside = Beside(rng.integers(0, 256, (70, PAST, 32, 32), np.uint8), rng.uniform(0, 4, 70).astype("f4"))
-    assert beside.u is not None
+    inputs = ModelInputs(
+        rng.integers(0, 256, (70, HISTORY, 32, 32), np.uint8), rng.uniform(0, 4, 70).astype("f4")
+    )
+    assert inputs.u is not None
     estimator = OnnxEstimator.load(exported)
-    assert estimator.card.inputs == {"image": [1 + PAST, 32, 32], "u": []}
-    assert (estimator.card.past, estimator.card.actuation) == (PAST, True)
+    assert estimator.card.inputs == {"image": [1 + HISTORY, 32, 32], "u": []}
+    assert (estimator.card.history, estimator.card.actuation) == (HISTORY, True)
     assert estimator.card.input.startswith(
         "gray image, float32 in 0…1, (batch, 3, height, width), the newest"
     )
-    found = estimator.read(images, beside=beside)
+    found = estimator.read(images, inputs=inputs)
     with torch.inference_mode():
-        stack = torch.from_numpy(stacked(images, beside)).float() / 255
-        forces, _, contact = load_model(knowing)(stack, torch.from_numpy(beside.u))
+        stack = torch.from_numpy(stacked(images, inputs)).float() / 255
+        forces, _, contact = load_model(knowing)(stack, torch.from_numpy(inputs.u))
     # Batch normalisation is folded into the convolutions, so float32 rounds elsewhere.
     np.testing.assert_allclose(found.forces, forces.numpy(), atol=1e-5)
     # C1 alone touches in some frames and not in others, so the file has shifted its odds.
@@ -128,20 +130,20 @@ def test_without_what_it_asks_for_it_says_what_to_give(
     exported: Path, knowing: Path, moving: Samples, tmp_path: Path
 ) -> None:
     estimator = OnnxEstimator.load(exported)
-    images, beside = shown(moving, JUDGED[:4])
-    expected = r"expects past uint8 \(4, 2, 32, 32\) and u \[N\] float32 \(4,\), got "
+    images, inputs = shown(moving, JUDGED[:4])
+    expected = r"expects history uint8 \(4, 2, 32, 32\) and u \[N\] float32 \(4,\), got "
     for wrong, got in (
-        (Beside(), "no past and no u;"),
-        (replace(beside, u=None), r"past uint8 \(4, 2, 32, 32\) and no u;"),
-        (replace(beside, past=images[:, None]), r"past uint8 \(4, 1, 32, 32\) and u"),
+        (ModelInputs(), "no history and no u;"),
+        (replace(inputs, u=None), r"history uint8 \(4, 2, 32, 32\) and no u;"),
+        (replace(inputs, history=images[:, None]), r"history uint8 \(4, 1, 32, 32\) and u"),
     ):
         with pytest.raises(InputError, match=expected + got):
-            estimator.read(images, beside=wrong)
+            estimator.read(images, inputs=wrong)
     with pytest.raises(InputError, match="u: expected finite newtons"):
-        estimator.read(images, beside=replace(beside, u=np.full(4, np.nan, np.float32)))
-    with pytest.raises(InputError, match=r"reads one image alone, .* past 2 and actuation True; give"):
+        estimator.read(images, inputs=replace(inputs, u=np.full(4, np.nan, np.float32)))
+    with pytest.raises(InputError, match=r"reads one image alone, .* history 2 and actuation True; give"):
         OnnxEstimator.load(exported, alone=True)
-    with pytest.raises(InputError, match=r"got no past and no u"):
+    with pytest.raises(InputError, match=r"got no history and no u"):
         export_onnx(knowing, tmp_path / "model.onnx", images, moving.forces[JUDGED[:4]])
     assert not (tmp_path / "model.onnx").exists()
 
@@ -150,11 +152,13 @@ def test_a_network_of_one_image_is_shown_nothing_else() -> None:
     """That of the package was made before networks could see more."""
     estimator = OnnxEstimator.load(DEFAULT_MODEL, alone=True)
     assert estimator.card.inputs == {"image": [1, 128, 128]}
-    with pytest.raises(InputError, match=r"expects no past and no u, got no past and u \[N\] float32 \(1,\)"):
-        estimator.read(np.zeros((1, 128, 128), np.uint8), beside=Beside(u=np.zeros(1, np.float32)))
+    with pytest.raises(
+        InputError, match=r"expects no history and no u, got no history and u \[N\] float32 \(1,\)"
+    ):
+        estimator.read(np.zeros((1, 128, 128), np.uint8), inputs=ModelInputs(u=np.zeros(1, np.float32)))
 
 
-@pytest.mark.parametrize(("options", "told"), [({"past": 1}, "previous"), ({"actuation": True}, "u")])
+@pytest.mark.parametrize(("options", "told"), [({"history": 1}, "previous"), ({"actuation": True}, "u")])
 def test_training_needs_what_the_network_is_to_see(
     moving: Samples, tmp_path: Path, identity: dict, options: dict, told: str
 ) -> None:
@@ -163,7 +167,7 @@ def test_training_needs_what_the_network_is_to_see(
     assert not (tmp_path / "run").exists()
 
 
-@pytest.mark.parametrize("options", [{"past": 1}, {"actuation": True}])
+@pytest.mark.parametrize("options", [{"history": 1}, {"actuation": True}])
 def test_the_paper_network_sees_one_image(
     moving: Samples, tmp_path: Path, identity: dict, options: dict
 ) -> None:
@@ -173,7 +177,7 @@ def test_the_paper_network_sees_one_image(
 
 def test_there_is_an_end_to_the_past() -> None:
     with pytest.raises(ValidationError):
-        TrainConfig(past=MOST_PAST + 1)
+        TrainConfig(history=LONGEST_HISTORY + 1)
 
 
 def test_a_stopped_run_goes_on_exactly(moving: Samples, tmp_path: Path, identity: dict) -> None:
@@ -191,11 +195,11 @@ def test_a_stopped_run_goes_on_exactly(moving: Samples, tmp_path: Path, identity
     run(moving, tmp_path / "stopped", identity, config, resume=True)
     whole, stopped = (load_checkpoint(tmp_path / name).tensors for name in ("whole", "stopped"))
     assert all(torch.equal(tensor, stopped[name]) for name, tensor in whole.items())
-    with pytest.raises(InputError, match="its past is 2, asked for is 1"):
-        run(moving, tmp_path / "stopped", identity, replace(config, past=1), resume=True)
+    with pytest.raises(InputError, match="its history is 2, asked for is 1"):
+        run(moving, tmp_path / "stopped", identity, replace(config, history=1), resume=True)
 
 
 def test_settings_that_were_saved_before_there_was_past_are_read_as_without(trained: Path) -> None:
     settings = load_checkpoint(trained).run.settings
-    saved = {name: value for name, value in asdict(settings).items() if name not in ("past", "actuation")}
+    saved = {name: value for name, value in asdict(settings).items() if name not in ("history", "actuation")}
     assert TypeAdapter(Settings).validate_python(saved) == settings

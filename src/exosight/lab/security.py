@@ -36,7 +36,7 @@ _HEADERS = {
 }
 
 
-class Door:
+class SecurityMiddleware:
     """Middleware that answers what may not pass itself.
 
     hosts   names that may be asked for; None: any, which only a token makes safe

@@ -6,15 +6,15 @@ import numpy as np
 from jaxtyping import UInt8
 
 from exosight.errors import InputError
-from exosight.learning.beside import APART, Beside
 from exosight.learning.model_file import ModelCard
+from exosight.learning.model_inputs import HISTORY_SPACING, ModelInputs
 
 
-class Memory:
+class FrameHistory:
     """Keeps the last images of a loop, for a network that sees them beside the newest.
 
     The exosuit is quasi-static: what it did is told by u, not by time. So images are remembered as far apart
-    in u as those that the network learned from, however long it rests between them, and the past begins anew
+    in u as those that the network learned from, however long it rests between them, and it begins anew
     at u = 0, where the exosuit is at rest.
 
     card   of the network: what it asks for
@@ -24,19 +24,19 @@ class Memory:
 
     def __init__(self, card: ModelCard) -> None:
         self._card, self._apart = card, 0.0
-        # The newest stands for the present, those behind it are the past.
-        self._seen: deque[tuple[float, np.ndarray]] = deque(maxlen=card.past + 1)
-        if card.past:
+        # The newest stands for the present, those behind it are the history.
+        self._seen: deque[tuple[float, np.ndarray]] = deque(maxlen=card.history + 1)
+        if card.history:
             try:
                 # Steps of a path are equal but for round-off.
-                self._apart = 0.9 * float(card.data[APART])
+                self._apart = 0.9 * float(card.data[HISTORY_SPACING])
             except (KeyError, ValueError) as error:
                 raise InputError(
-                    f"model: its data do not tell how far its past images lie apart ({APART}); "
+                    f"model: its data do not tell how far its history images lie apart ({HISTORY_SPACING}); "
                     "train it with exosight train"
                 ) from error
 
-    def beside(self, image: UInt8[np.ndarray, "height width"], u: float) -> Beside:
+    def inputs(self, image: UInt8[np.ndarray, "height width"], u: float) -> ModelInputs:
         """What the network asks for beside this image, which is remembered.
 
         u   actuation under which it was taken [N]
@@ -46,8 +46,8 @@ class Memory:
         if not self._seen or abs(u - self._seen[0][0]) > self._apart:
             self._seen.appendleft((u, image))
         images = [image, *(seen for _, seen in list(self._seen)[1:])]
-        images += [images[-1]] * (self._card.past + 1 - len(images))
-        return Beside(
-            np.stack(images[1:])[None] if self._card.past else None,
+        images += [images[-1]] * (self._card.history + 1 - len(images))
+        return ModelInputs(
+            np.stack(images[1:])[None] if self._card.history else None,
             np.array([u], np.float32) if self._card.actuation else None,
         )

@@ -5,19 +5,19 @@ import httpx
 import numpy as np
 import pytest
 
-from exosight.lab import trials
-from exosight.lab.settings import Disturbance, Run
-from exosight.lab.trials import HELD, RELEASED, Step, Stopped, run_trial
+from exosight.lab import closed_loop
+from exosight.lab.closed_loop import HELD, RELEASED, Step, Stopped, run_trial
+from exosight.lab.settings import Disturbance, LoopSettings
 
 
-def steps_of(settings: Run) -> list[Step]:
+def steps_of(settings: LoopSettings) -> list[Step]:
     told: list[Step] = []
     run_trial(settings, told.append)
     return told
 
 
 def test_the_scheduled_law_holds_its_target_on_the_true_force() -> None:
-    told = steps_of(Run(target=0.3, sensor="true"))
+    told = steps_of(LoopSettings(target=0.3, sensor="true"))
     assert len(told) == HELD + RELEASED
     force = np.array([step["F_net"] for step in told])
     assert np.all(np.abs(force[20:HELD] - 0.3) < 0.05 * 0.3)  # the band of `judge_response`
@@ -28,10 +28,10 @@ def test_the_scheduled_law_holds_its_target_on_the_true_force() -> None:
 
 @pytest.mark.parametrize(
     ("disturbance", "cause"),
-    [("lost", "no frame"), ("frozen", ""), ("elsewhere", "unlike those learned from")],
+    [("lost", "no frame"), ("frozen", ""), ("elsewhere", "out-of-distribution image")],
 )
 def test_the_guard_answers_what_goes_wrong(disturbance: Disturbance, cause: str) -> None:
-    told = steps_of(Run(disturbance=disturbance))
+    told = steps_of(LoopSettings(disturbance=disturbance))
     states = [step["guard"]["state"] for step in told]
     assert set(states[:20]) <= {"normal", "slow"}
     if cause:
@@ -42,7 +42,7 @@ def test_the_guard_answers_what_goes_wrong(disturbance: Disturbance, cause: str)
 
 
 def test_the_papers_law_needs_no_guard_and_keeps_u_without_pictures() -> None:
-    told = steps_of(Run(law="proportional", gain=1.0, sensor="true", disturbance="lost", target=0.2))
+    told = steps_of(LoopSettings(law="proportional", gain=1.0, sensor="true", disturbance="lost", target=0.2))
     assert all(step["guard"] is None for step in told)
     assert len({step["u"] for step in told[21:31]}) == 1
 
@@ -56,7 +56,7 @@ def test_whoever_stops_listening_stops_the_run() -> None:
             raise Stopped
 
     with pytest.raises(Stopped):
-        run_trial(Run(law="proportional", sensor="true"), tell)
+        run_trial(LoopSettings(law="proportional", sensor="true"), tell)
     assert len(told) == 3
 
 
@@ -78,4 +78,4 @@ def test_a_run_that_cannot_be_ends_with_a_sentence(client: httpx.Client) -> None
 
 
 def test_what_goes_wrong_lies_within_the_held_target() -> None:
-    assert 0 < trials._WRONG.start < trials._WRONG.stop < HELD
+    assert 0 < closed_loop._WRONG.start < closed_loop._WRONG.stop < HELD

@@ -15,12 +15,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from exosight.arrays import AnyArray
-from exosight.machine import cores
-from exosight.mechanics.newton import Path, begin, metric_of, stepper
+from exosight.cpu import cores
+from exosight.mechanics.newton import ContinuationState, begin, metric_of, newton_stepper
 from exosight.mechanics.robot import Robot
 
 
-class Job(NamedTuple):
+class ContinuationProblem(NamedTuple):
     """One robot and its path.
 
     robot
@@ -38,7 +38,7 @@ class Job(NamedTuple):
 ROOM = 64
 """Loads that a lane takes at a time; longer paths go on in the same lane. One size, so one compilation."""
 
-Solved = tuple[Path, Float[np.ndarray, "dofs dofs"]]
+Solved = tuple[ContinuationState, Float[np.ndarray, "dofs dofs"]]
 """A path with what was found at each load, and the metric of its robot."""
 
 
@@ -48,8 +48,8 @@ def width(lanes: int | None, robots: int) -> int:
     return min(most, 1 << max(0, robots - 1).bit_length())
 
 
-def run(
-    jobs: Sequence[Job],
+def solve_paths(
+    jobs: Sequence[ContinuationProblem],
     tolerance: float,
     max_iterations: int,
     lanes: int | None = None,
@@ -124,10 +124,10 @@ class _Lane(NamedTuple):
     parents: Int[AnyArray, " room"]
     starts: Float[AnyArray, "room dofs"]
     total: Int[AnyArray, ""]
-    path: Path
+    path: ContinuationState
 
 
-def _lane(job: Job, parts: Sequence[np.ndarray]) -> _Lane:
+def _lane(job: ContinuationProblem, parts: Sequence[np.ndarray]) -> _Lane:
     """The next loads of a job, after those of which q is known."""
     found = np.concatenate([job.starts[:0], *parts])
     done = len(found)
@@ -146,10 +146,10 @@ def _lane(job: Job, parts: Sequence[np.ndarray]) -> _Lane:
     )
 
 
-_SOLVED = Path._fields[Path._fields.index("found") :]
+_SOLVED = ContinuationState._fields[ContinuationState._fields.index("found") :]
 
 
-def _cut(path: Path, lane: int, count: int) -> Path:
+def _cut(path: ContinuationState, lane: int, count: int) -> ContinuationState:
     """One lane of a batch of paths, without the padding."""
     of = jax.tree.map(lambda leaf: leaf[lane].copy(), path)
     return of._replace(**{name: getattr(of, name)[:count] for name in _SOLVED})
@@ -186,13 +186,13 @@ def _compiled(structure: Hashable) -> Callable:
 
     def advance(
         leaves: list[Array], lanes: _Lane, tolerance: Array, max_iterations: Array, enough: Array
-    ) -> tuple[Path, Array]:
-        def one(leaves: list[Array], lane: _Lane) -> tuple[Path, Array]:
+    ) -> tuple[ContinuationState, Array]:
+        def one(leaves: list[Array], lane: _Lane) -> tuple[ContinuationState, Array]:
             robot = jax.tree.unflatten(structure, leaves)
             where = lane.loads, lane.parents, lane.starts, lane.total
-            step = stepper(robot, *where, tolerance, max_iterations)
+            step = newton_stepper(robot, *where, tolerance, max_iterations)
 
-            def going(path: Path) -> Array:
+            def going(path: ContinuationState) -> Array:
                 return jax.lax.psum((path.load == lane.total).astype(int), "lanes") < enough
 
             return jax.lax.while_loop(going, step, lane.path), metric_of(robot)

@@ -1,10 +1,10 @@
 """Worn exosuits at rest along the way that they are driven, solved once and remembered.
 
 A pose follows from the way to it (hysteresis), so it is known by the exosuit and the actuations driven to
-from rest: (4, 2.4) is up to 4 N and down to 2.4 N. The way between two of them is a leg over every multiple
-of 0.1 N, the step of the datasets, solved in pieces that always begin at the same places; what lies between
-is solved from the multiple before it. So a pose does not depend on what else was asked for, and while u moves
-on a leg that is known, next to nothing is solved.
+from rest: (4, 2.4) is up to 4 N and down to 2.4 N. The way between two of them is a branch over every
+multiple of 0.1 N, the step of the datasets, solved in pieces that always begin at the same places; what lies
+between is solved from the multiple before it. So a pose does not depend on what else was asked for, and while
+u moves on a branch that is known, next to nothing is solved.
 """
 
 from collections import OrderedDict
@@ -22,10 +22,10 @@ from exosight.mechanics import Robot, SolverOptions, follow, stack
 TOP = round(LARGEST / STEP)
 """Largest actuation, in steps."""
 STRIDE = 2
-"""From one load of a leg to the next, in steps."""
+"""From one load of a branch to the next, in steps."""
 
-_PIECE = 7  # loads a solver call: 1 ms a call, 2 ms a load that nobody asked for; 21 make a leg
-_LEGS = 64  # legs that one exosuit remembers
+_PIECE = 7  # loads a solver call: 1 ms a call, 2 ms a load that nobody asked for; 21 make a branch
+_BRANCHES = 64  # branches that one exosuit remembers
 _EXOSUITS = 32  # exosuits that are remembered
 _SAME = 1e-5  # rad, or strain: poses nearer to each other than this are one; solutions agree to 1e-6
 _ENOUGH = SolverOptions(tolerance=1e-7)  # forces to 1e-7 N, a quarter sooner than with the default 1e-10
@@ -48,7 +48,7 @@ class Rest:
 
 
 @dataclass
-class _Leg:
+class _Branch:
     """The way from one turn to the end of the range.
 
     rises    whether to the upper end
@@ -69,14 +69,14 @@ class _Leg:
         return sum(load <= goal if self.rises else load >= goal for load in self.loads)
 
 
-class Worn:
-    """One worn exosuit and the legs that are known of it; may be asked from several threads."""
+class CachedExosuit:
+    """One worn exosuit and the branches that are known of it; may be asked from several threads."""
 
     def __init__(self, exosuit: Exosuit) -> None:
         self.exosuit = exosuit
         self.robot: Robot = assemble(exosuit)
         self.stacked: Robot = stack([self.robot])
-        self._legs: OrderedDict[tuple[Steps, int], _Leg] = OrderedDict()
+        self._branches: OrderedDict[tuple[Steps, int], _Branch] = OrderedDict()
         self._lock = Lock()
 
     def at(self, drive: Sequence[int]) -> Rest:
@@ -94,44 +94,48 @@ class Worn:
             return Rest(short, q, converged)
 
     def _solve(self, drive: Steps) -> tuple[np.ndarray, bool]:
-        leg, goal = self._leg(drive), drive[-1]
-        needed = leg.until(goal)
-        while len(leg.solved) < needed:
-            piece = leg.loads[len(leg.solved) : len(leg.solved) + _PIECE]
-            leg.solved += self._follow(leg.solved[-1][0] if leg.solved else leg.start, piece)
+        branch, goal = self._branch(drive), drive[-1]
+        needed = branch.until(goal)
+        while len(branch.solved) < needed:
+            piece = branch.loads[len(branch.solved) : len(branch.solved) + _PIECE]
+            branch.solved += self._follow(branch.solved[-1][0] if branch.solved else branch.start, piece)
         if goal % STRIDE == 0:
-            return leg.solved[needed - 1]
-        if goal not in leg.between:
-            leg.between[goal] = self._follow(leg.solved[needed - 1][0] if needed else leg.start, [goal])[0]
-        return leg.between[goal]
+            return branch.solved[needed - 1]
+        if goal not in branch.between:
+            branch.between[goal] = self._follow(
+                branch.solved[needed - 1][0] if needed else branch.start, [goal]
+            )[0]
+        return branch.between[goal]
 
     def _follow(self, start: np.ndarray, loads: Sequence[int]) -> list[tuple[np.ndarray, bool]]:
         u = STEP * np.array(loads, float)[:, None]
         found = follow([self.robot], u, q=start[None], options=_ENOUGH, snaps=False)
         return list(zip(np.asarray(found.q[0]), found.converged[0].tolist(), strict=True))
 
-    def _leg(self, drive: Steps) -> _Leg:
-        """The leg that a drive ends on."""
+    def _branch(self, drive: Steps) -> _Branch:
+        """The branch that a drive ends on."""
         key = before, rises = _key(drive)
-        leg = self._legs.get(key)
-        if leg is None:
+        branch = self._branches.get(key)
+        if branch is None:
             start = self._solve(before)[0] if before else np.zeros(self.robot.dofs)
             first = before[-1] if before else -1
             way = range(first + 1, TOP + 1) if rises else range(first - 1, -1, -1)
-            leg = self._legs[key] = _Leg(rises, start, [k for k in way if k % STRIDE == 0])
-            while len(self._legs) > _LEGS:
-                self._legs.popitem(last=False)
-        self._legs.move_to_end(key)
-        return leg
+            branch = self._branches[key] = _Branch(rises, start, [k for k in way if k % STRIDE == 0])
+            while len(self._branches) > _BRANCHES:
+                self._branches.popitem(last=False)
+        self._branches.move_to_end(key)
+        return branch
 
     def _known(self, drive: Steps) -> np.ndarray | None:
         """The coordinates at the end of a drive, if there is little to solve for them."""
-        leg = self._legs.get(_key(drive))
-        return None if leg is None or len(leg.solved) < leg.until(drive[-1]) else self._solve(drive)[0]
+        branch = self._branches.get(_key(drive))
+        return (
+            None if branch is None or len(branch.solved) < branch.until(drive[-1]) else self._solve(drive)[0]
+        )
 
 
 def _key(drive: Steps) -> tuple[Steps, bool]:
-    """What names the leg that a drive ends on: the way to where it begins, and whether it rises."""
+    """What names the branch that a drive ends on: the way to where it begins, and whether it rises."""
     return drive[:-1], len(drive) == 1 or drive[-1] > drive[-2]
 
 
@@ -150,20 +154,20 @@ def turning_points(drive: Sequence[int]) -> Steps:
     return tuple(kept[1:] if len(kept) > 1 and kept[0] == 0 else kept)
 
 
-class Wardrobe:
+class PoseCache:
     """The exosuits asked for last."""
 
     def __init__(self) -> None:
-        self._worn: OrderedDict[Exosuit, Worn] = OrderedDict()
+        self._exosuits: OrderedDict[Exosuit, CachedExosuit] = OrderedDict()
         self._lock = Lock()
 
-    def wear(self, exosuit: Exosuit) -> Worn:
+    def get(self, exosuit: Exosuit) -> CachedExosuit:
         """The exosuit with all that is known of it."""
         with self._lock:
-            worn = self._worn.get(exosuit)
-            if worn is None:
-                worn = self._worn[exosuit] = Worn(exosuit)
-                while len(self._worn) > _EXOSUITS:
-                    self._worn.popitem(last=False)
-            self._worn.move_to_end(exosuit)
-            return worn
+            cached = self._exosuits.get(exosuit)
+            if cached is None:
+                cached = self._exosuits[exosuit] = CachedExosuit(exosuit)
+                while len(self._exosuits) > _EXOSUITS:
+                    self._exosuits.popitem(last=False)
+            self._exosuits.move_to_end(exosuit)
+            return cached

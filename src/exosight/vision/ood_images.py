@@ -22,27 +22,27 @@ HELD_OUT: dict[str, AppearanceVariation] = {
 Picture = UInt8[np.ndarray, "height width"]
 
 
-def unlike_images(
+def draw_ood_images(
     kind: str, count: int, seed: int, width: int = 128, height: int = 128
 ) -> UInt8[np.ndarray, "count height width"]:
     """Pictures without the plant; each depends on the seed and its place alone.
 
-    kind           one of UNLIKE
+    kind           one of OOD_KINDS
     width, height  [pixels]
     returns        (count, height, width)  gray 0…255
 
     Raises InputError for an unknown kind, a negative count or seed, or a side below 16 pixels.
     """
-    if kind not in UNLIKE:
-        raise InputError(f"kind: expected one of {', '.join(UNLIKE)}, got {kind!r}")
+    if kind not in OOD_KINDS:
+        raise InputError(f"kind: expected one of {', '.join(OOD_KINDS)}, got {kind!r}")
     if count < 0 or seed < 0 or min(width, height) < 16:
         raise InputError(
-            f"unlike images: expected a count and a seed from 0 and sides from 16 pixels, "
+            f"images: expected a count and a seed from 0 and sides from 16 pixels, "
             f"got {count}, {seed} and {width}×{height}"
         )
     images = np.empty((count, height, width), np.uint8)
     for k in range(count):
-        images[k] = UNLIKE[kind](np.random.default_rng([seed, k]), width, height)
+        images[k] = OOD_KINDS[kind](np.random.default_rng([seed, k]), width, height)
     return images
 
 
@@ -137,7 +137,7 @@ def _points(rng: np.random.Generator, count: int, width: int, height: int) -> In
     return rng.integers(0, (width, height), (count, 2), dtype=np.int32)
 
 
-UNLIKE: dict[str, Callable[[np.random.Generator, int, int], Picture]] = {
+OOD_KINDS: dict[str, Callable[[np.random.Generator, int, int], Picture]] = {
     "plain": _plain,
     "bare": _bare,
     "speckle": _speckle,

@@ -10,7 +10,7 @@ from exosight.errors import InputError
 from exosight.learning.samples import CONTACTS, Samples, stacks
 
 
-class Block(NamedTuple):
+class FrameBlock(NamedTuple):
     """Frames that no epoch has seen before."""
 
     images: UInt8[np.ndarray, "frames height width"]
@@ -23,28 +23,28 @@ class Block(NamedTuple):
     """the frame before each, by its place in the block"""
 
 
-Blocks = Callable[[int], Generator[Block, None, None]]
+FrameBlocks = Callable[[int], Generator[FrameBlock, None, None]]
 """From the number of an epoch, counted from 0, its block and those of the epochs after it."""
 
 
-class Joined:
+class ConcatenatedImages:
     """The images of a dataset, then those of a block, picked by number without a copy of them all."""
 
-    def __init__(self, stored: np.ndarray, fresh: np.ndarray) -> None:
-        self._stored, self._fresh = stored, fresh
+    def __init__(self, stored: np.ndarray, simulated: np.ndarray) -> None:
+        self._stored, self._simulated = stored, simulated
 
     def __getitem__(self, chosen: Integer[np.ndarray, "*n"]) -> UInt8[np.ndarray, "*n height width"]:
         picked = np.empty((*chosen.shape, *self._stored.shape[1:]), np.uint8)
         old = chosen < len(self._stored)
         picked[old] = self._stored[chosen[old]]
-        picked[~old] = self._fresh[chosen[~old] - len(self._stored)]
+        picked[~old] = self._simulated[chosen[~old] - len(self._stored)]
         return picked
 
 
-class Shown(NamedTuple):
+class EpochData(NamedTuple):
     """What one epoch learns from, a row a frame."""
 
-    images: UInt8[np.ndarray, "frames height width"] | Joined
+    images: UInt8[np.ndarray, "frames height width"] | ConcatenatedImages
     forces: Float32[np.ndarray, "frames 7"]
     auxiliary: Float32[np.ndarray, "frames auxiliary"]
     rows: Integer[np.ndarray, " n"]
@@ -55,30 +55,32 @@ class Shown(NamedTuple):
     """actuation [N], for a network that is told it"""
 
 
-def shown(samples: Samples, block: Block | None, past: int, seed: int, epoch: int) -> Shown:
+def epoch_data(samples: Samples, block: FrameBlock | None, history: int, seed: int, epoch: int) -> EpochData:
     """The frames of one epoch: those of the block, and stored ones drawn at random up to the usual number.
 
     Epochs keep their length, and with it the schedule. A block of more frames than an epoch is cut.
 
-    past   earlier images that the network sees
+    history   earlier images that the network sees
 
     Raises InputError for a block of another image size.
     """
     size, stored = samples.images.shape[1:], len(samples.images)
-    seen = stacks(samples.previous, past, stored)
+    seen = stacks(samples.previous, history, stored)
     if block is None:
-        return Shown(samples.images, samples.forces, samples.auxiliary, samples.train_index, seen, samples.u)
+        return EpochData(
+            samples.images, samples.forces, samples.auxiliary, samples.train_index, seen, samples.u
+        )
     if block.images.shape[1:] != size or block.forces.shape[1:] != (len(CONTACTS),):
-        raise InputError(f"fresh frames: expected images of {size} pixels, got {block.images.shape[1:]}")
+        raise InputError(f"simulated frames: expected images of {size} pixels, got {block.images.shape[1:]}")
     usual = len(samples.train_index)
-    fresh = np.arange(stored, stored + min(len(block.images), usual))
+    simulated = np.arange(stored, stored + min(len(block.images), usual))
     draw = np.random.default_rng([seed, epoch, 1])
-    kept = draw.choice(samples.train_index, usual - len(fresh), replace=False)
-    return Shown(
-        Joined(samples.images, block.images),
+    kept = draw.choice(samples.train_index, usual - len(simulated), replace=False)
+    return EpochData(
+        ConcatenatedImages(samples.images, block.images),
         np.concatenate([samples.forces, block.forces]),
         np.concatenate([samples.auxiliary, block.auxiliary[:, : samples.auxiliary.shape[1]]]),
-        np.concatenate([kept, fresh]),
-        np.concatenate([seen, stored + stacks(block.previous, past, len(block.images))]),
+        np.concatenate([kept, simulated]),
+        np.concatenate([seen, stored + stacks(block.previous, history, len(block.images))]),
         None if samples.u is None else np.concatenate([samples.u, block.u]),
     )

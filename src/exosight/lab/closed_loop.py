@@ -14,20 +14,20 @@ import numpy as np
 from exosight.control import (
     ControllerConfig,
     Guarded,
+    Measurement,
     Observation,
     Proportional,
     Scheduled,
-    Sight,
     hold,
     run,
     run_guarded,
-    true_sight,
+    true_measurement,
 )
 from exosight.control.loop import RATE
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.tuning import tune
 from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
-from exosight.lab.settings import Disturbance, Run
+from exosight.lab.settings import Disturbance, LoopSettings
 from exosight.lab.views import (
     CAMERA,
     exosuit_of,
@@ -39,7 +39,7 @@ from exosight.lab.views import (
 )
 from exosight.mechanics import stack
 from exosight.vision.corruptions import corrupt
-from exosight.vision.unlike import unlike_images
+from exosight.vision.ood_images import draw_ood_images
 
 HELD = 40
 """Steps for which the target is held; then it is 0 N for RELEASED steps."""
@@ -54,7 +54,7 @@ class Stopped(Exception):
     """Nobody listens any more."""
 
 
-def run_trial(settings: Run, tell: Callable[[Step], None]) -> None:
+def run_trial(settings: LoopSettings, tell: Callable[[Step], None]) -> None:
     """Run the loop and tell of every step as soon as it is known.
 
     tell   called with each step as JSON values; whatever it raises ends the run
@@ -91,7 +91,7 @@ class _Eye:
 
     def __init__(
         self,
-        settings: Run,
+        settings: LoopSettings,
         exosuit: Exosuit,
         target: np.ndarray,
         tell: Callable[[Step], None],
@@ -106,19 +106,19 @@ class _Eye:
         )
         self._robot = stack([assemble(exosuit)])
         self._step = 0
-        self._last = Sight()
+        self._last = Measurement()
 
     def measure(self, observation: Observation) -> float:
         """F_net for a law without a guard; NaN where there is none."""
         return self.look(observation).net_force
 
-    def look(self, observation: Observation) -> Sight:
+    def look(self, observation: Observation) -> Measurement:
         """What is known of the plant in this step."""
         seen = replace(
             observation, image=photograph(self._settings.view, observation.image[None], self._step)[0]
         )
-        sight = self._disturbed(seen)
-        self._last = sight
+        measurement = self._disturbed(seen)
+        self._last = measurement
         pose: Pose = jax.tree.map(
             lambda leaf: np.asarray(leaf)[0, 0], observe(self._robot, jnp.asarray(observation.q)[None, None])
         )
@@ -129,15 +129,17 @@ class _Eye:
                 "u": round(observation.u, 4),
                 "F_net": round(observation.net_force, 5),
                 "true": [round(float(force), 5) for force in observation.forces],
-                "reading": None if sight.reading is None else reading_of(sight.reading),
-                "image": None if sight.image is None else base64.b64encode(png_of(sight.image)).decode(),
+                "reading": None if measurement.reading is None else reading_of(measurement.reading),
+                "image": None
+                if measurement.image is None
+                else base64.b64encode(png_of(measurement.image)).decode(),
                 "guard": self._guard(),
                 "scene": scene_of(self._exosuit, pose),
                 "converged": observation.converged,
             }
         )
         self._step += 1
-        return sight
+        return measurement
 
     def _guard(self) -> dict[str, str] | None:
         """The guard's state while the u of this step was chosen, and why it last changed."""
@@ -146,20 +148,22 @@ class _Eye:
         log = self._guarded.log
         return {"state": self._guarded.state.value, "cause": log[-1].cause if log else "start"}
 
-    def _sight(self, observation: Observation) -> Sight:
+    def _measurement(self, observation: Observation) -> Measurement:
         if self._settings.sensor == "true":
-            return true_sight(observation)
-        return Sight(observation.image, network().read(observation.image[None]), u=observation.u)
+            return true_measurement(observation)
+        return Measurement(observation.image, network().read(observation.image[None]), u=observation.u)
 
-    def _disturbed(self, observation: Observation) -> Sight:
+    def _disturbed(self, observation: Observation) -> Measurement:
         wrong: Disturbance = self._settings.disturbance if self._step in _WRONG else "none"
         if wrong == "lost":
-            return Sight(u=observation.u)
+            return Measurement(u=observation.u)
         if wrong == "frozen":
             return replace(self._last, u=observation.u)
         if wrong == "noise":
             image = corrupt(observation.image[None], "noise-high", seed=1, first=self._step)[0]
-            return self._sight(replace(observation, image=image))
+            return self._measurement(replace(observation, image=image))
         if wrong == "elsewhere":
-            return self._sight(replace(observation, image=unlike_images("room", 1, seed=self._step)[0]))
-        return self._sight(observation)
+            return self._measurement(
+                replace(observation, image=draw_ood_images("room", 1, seed=self._step)[0])
+            )
+        return self._measurement(observation)

@@ -15,17 +15,17 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
-from exosight.machine import cores
+from exosight.cpu import cores
+from exosight.mechanics.batched_continuation import width
 from exosight.mechanics.equilibrium import SolverOptions
-from exosight.mechanics.lanes import width
-from exosight.mechanics.newton import Path, begin, stepper
+from exosight.mechanics.newton import ContinuationState, begin, newton_stepper
 from exosight.mechanics.robot import Robot
 
 _DEFAULT = SolverOptions()
 _ROOM = 8  # loads a compiled call: more would be memory that most steps do not use, fewer would be more calls
 
 
-class Reached(NamedTuple):
+class BatchStep(NamedTuple):
     """Where each robot has come.
 
     q          (robots, dofs)       the last equilibrium on the way
@@ -38,14 +38,14 @@ class Reached(NamedTuple):
     converged: Bool[np.ndarray, " robots"]
 
 
-def march(
+def step_batch(
     robots: Robot,
     q: Float[np.ndarray, "robots dofs"],
     start: Float[np.ndarray, "robots channels"],
     end: Float[np.ndarray, "robots channels"],
     steps: Int[np.ndarray, " robots"],
     options: SolverOptions = _DEFAULT,
-) -> Reached:
+) -> BatchStep:
     """Each robot from its equilibrium at one load to that at another, in even steps.
 
     robots   stacked, see `stack`
@@ -72,7 +72,7 @@ def march(
             q[moved] = found[count > 0]
             at[moved] = loads[moved, count[count > 0] - 1]
             good[part] = count == left[part]
-    return Reached(q, at, good)
+    return BatchStep(q, at, good)
 
 
 def _solve(
@@ -105,7 +105,7 @@ def _solve(
         yield from pool.map(work, groups)
 
 
-# One thread an operation, as in `lanes`: the lanes of a thread are its work.
+# One thread an operation, as in `batched_continuation`: the lanes of a thread are its work.
 @partial(jax.jit, compiler_options={"xla_cpu_multi_thread_eigen": False})
 def _compiled(
     robots: Robot,
@@ -121,9 +121,9 @@ def _compiled(
         places = len(loads)
         parents = jnp.arange(-1, places - 1)
         starts = jnp.broadcast_to(q, (places, len(q)))
-        step = stepper(robot, loads, parents, starts, count, tolerance, max_iterations)
+        step = newton_stepper(robot, loads, parents, starts, count, tolerance, max_iterations)
 
-        def going(path: Path) -> Array:
+        def going(path: ContinuationState) -> Array:
             lost = jnp.any(~path.converged & (jnp.arange(places) < path.load))
             return jax.lax.psum(((path.load < count) & ~lost).astype(int), "lanes") > 0
 

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from exosight.errors import InputError
 from exosight.learning import TrainConfig, train
 from exosight.learning.checkpoint import load_checkpoint
-from exosight.learning.fresh import Block, shown
+from exosight.learning.online_simulation import FrameBlock, epoch_data
 from exosight.learning.samples import Samples
 
 
-def block(samples: Samples, count: int, gray: int = 0) -> Block:
+def block(samples: Samples, count: int, gray: int = 0) -> FrameBlock:
     images = np.full((count, *samples.images.shape[1:]), gray, np.uint8)
     halves = np.full((count, 7), 0.5, np.float32)
-    return Block(images, halves, halves[:, :2], 10 + np.arange(count, dtype=np.float32), before(count))
+    return FrameBlock(images, halves, halves[:, :2], 10 + np.arange(count, dtype=np.float32), before(count))
 
 
 def before(count: int) -> np.ndarray:
@@ -33,7 +33,7 @@ def test_an_epoch_keeps_its_length_and_shows_every_frame_once(count: int, seed: 
     forces = np.zeros((80, 7), np.float32)
     numbered = np.arange(80, dtype=np.uint8)[:, None, None] * np.ones((1, 2, 2), np.uint8)
     samples = Samples(numbered, forces, np.arange(10, 74), np.arange(74, 80), forces[:, :2])
-    epoch_frames = shown(samples, block(samples, count, gray=255), 0, seed, epoch)
+    epoch_frames = epoch_data(samples, block(samples, count, gray=255), 0, seed, epoch)
     assert len(set(epoch_frames.rows)) == 64
     grays = epoch_frames.images[epoch_frames.rows][:, 0, 0]
     assert np.sum(grays == 255) == min(count, 64)  # all of the block that fits
@@ -46,7 +46,7 @@ def test_an_epoch_keeps_its_length_and_shows_every_frame_once(count: int, seed: 
 def test_a_block_of_another_size_is_refused(blobs: Samples) -> None:
     wrong = block(blobs, 3)._replace(images=np.zeros((3, 8, 8), np.uint8))
     with pytest.raises(InputError, match="expected images of"):
-        shown(blobs, wrong, 0, 0, 1)
+        epoch_data(blobs, wrong, 0, 0, 1)
 
 
 def test_a_fresh_frame_is_seen_with_those_before_it_in_its_block() -> None:
@@ -58,7 +58,7 @@ def test_a_fresh_frame_is_seen_with_those_before_it_in_its_block() -> None:
         previous=before(80),
     )
     more = block(samples, 6)._replace(images=100 + numbered[:6])
-    found = shown(samples, more, 2, 0, 1)
+    found = epoch_data(samples, more, 2, 0, 1)
     assert found.u is not None
     for row in found.rows:
         number, own = (row - 80, 100) if row >= 80 else (row, 0)
@@ -74,7 +74,7 @@ def test_a_stopped_run_resumes_with_the_block_of_its_epoch(
 ) -> None:
     asked: list[int] = []
 
-    def blocks(first: int) -> Generator[Block, None, None]:
+    def blocks(first: int) -> Generator[FrameBlock, None, None]:
         asked.append(first)
         for epoch in range(first, 100):
             yield block(blobs, 16, gray=epoch)
@@ -85,7 +85,7 @@ def test_a_stopped_run_resumes_with_the_block_of_its_epoch(
 
     index = (blobs.train_index, blobs.validation_index)
     what = (small, blobs.images, blobs.forces, *index)
-    options = {"auxiliary": blobs.auxiliary, "fresh": blocks}
+    options = {"auxiliary": blobs.auxiliary, "online_blocks": blocks}
     train(*what, tmp_path / "whole", identity, **options)
     with pytest.raises(KeyboardInterrupt):
         train(*what, tmp_path / "stopped", identity, **options, progress=stop)
