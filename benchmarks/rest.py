@@ -84,7 +84,7 @@ class Exosight:
         robot = Robot((rod, sphere), (DeadForce("rod", -1, 0, jnp.asarray(-UP)), contact))
         found = follow([robot], np.array([[PRESS]]))
         positions = _walk(robot, found.q[0, 0]).position
-        push = float(jnp.linalg.norm(contact.forces(robot, positions)[0]))
+        push = float(jnp.linalg.norm(contact.forces(robot, positions)[1][0]))
         return Rest(_converged_tip(robot, found), push)
 
 

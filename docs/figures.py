@@ -25,6 +25,7 @@ from exosight.exosuit.shapes import radius
 from exosight.exosuit.simulation import simulate
 from exosight.exosuit.variation import Variant
 from exosight.mechanics import Motion, walk
+from exosight.system.camera import Camera, project
 from exosight.vision import (
     TRAINING,
     AppearanceVariation,
@@ -35,7 +36,6 @@ from exosight.vision import (
     from_table,
 )
 from exosight.vision.appearance import BACKGROUND_KINDS, OCCLUSION_KINDS, Appearance, to_table
-from exosight.vision.camera import Camera, project
 from exosight.vision.lighting import EXOSUIT_SHADE, FINGER_SHADE
 from exosight.vision.renderer import AMBIENT, LAMP
 from exosight.vision.scene import cover, picture

@@ -29,7 +29,7 @@ from exosight.evaluation.metrics import CONTACTS
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.shapes import FAMILIES, ExosuitShape, Linear
 from exosight.exosuit.simulation import simulate
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 from exosight.vision.scene import picture as seen
 
 HERE = Path(__file__).parent

@@ -21,7 +21,7 @@ from exosight.evaluation.figures.style import BLACK, ESTIMATED, GRAY, TRUE, new_
 from exosight.evaluation.metrics import CONTACTS
 from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
 from exosight.mechanics import follow, stack
-from exosight.vision.camera import Camera, project
+from exosight.system.camera import Camera, project
 from exosight.vision.scene import picture
 
 IMAGES = Path(__file__).parent / "images"

@@ -1,4 +1,14 @@
-"""Limits of what is drawn at random."""
+"""What configurations, files and metadata are checked with."""
+
+from typing import Annotated
+
+from pydantic import ConfigDict, StringConstraints, ValidationError
+
+CONFIG = ConfigDict(extra="forbid")
+"""Of every pydantic dataclass: an entry that is not known is refused."""
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+"""Of a system, or of a part of it: letters, digits and underscores, a letter first, at most 32."""
 
 
 def rising(limits: tuple[float, float]) -> tuple[float, float]:
@@ -6,3 +16,12 @@ def rising(limits: tuple[float, float]) -> tuple[float, float]:
     if limits[0] > limits[1]:
         raise ValueError("expected the lower limit first")  # pydantic adds what it got
     return limits
+
+
+def first_fault(error: ValidationError) -> str:
+    """The first thing wrong, and where, in one sentence."""
+    fault = error.errors(include_url=False)[0]
+    place = ".".join(str(step) for step in fault["loc"])
+    message = fault["msg"].removeprefix("Value error, ")
+    got = "" if fault["type"] in ("value_error", "missing") else f", got {str(fault['input'])[:60]!r}"
+    return f"{place}: {message}{got}" if place else f"{message}{got}"

@@ -10,7 +10,7 @@ from exosight.app.main import main
 from exosight.dataset import Frames, new_manifest, write_chunk, write_manifest
 from exosight.exosuit.scenarios import SampledShape, sample_shapes
 from exosight.exosuit.shapes import FAMILIES
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 CAMERA = Camera(metres_per_pixel=0.0044, width=32, height=32)
 PER_SHAPE = 4

@@ -12,7 +12,7 @@ from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.mechanics import follow, stack
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 from exosight.vision.ood_images import draw_ood_images
 from exosight.vision.scene import picture
 

@@ -22,8 +22,8 @@ from exosight.app.pipeline import test_part as part_to_judge
 from exosight.control.estimator import OnnxEstimator
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.learning.model_file import sealed
+from exosight.system.camera import Camera
 from exosight.vision import OOD_KINDS
-from exosight.vision.camera import Camera
 
 Refused = Callable[..., str]
 PROGRAM = "import sys; from exosight.app.main import main; main(sys.argv[1:])"

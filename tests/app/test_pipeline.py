@@ -21,7 +21,7 @@ from exosight.exosuit.assembly import MAX_FORCE
 from exosight.exosuit.scenarios import SampledShape, geometry, sample_shapes
 from exosight.exosuit.shapes import FAMILIES
 from exosight.learning import TrainConfig
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from exosight.dataset import generation, read_manifest
 from exosight.dataset.config import GenerateConfig
 from exosight.errors import DataError
 from exosight.learning.config import TrainConfig
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 TINY = StudyConfig(
     data=GenerateConfig(

@@ -11,7 +11,7 @@ from exosight.dataset.manifest import new_manifest, write_manifest
 from exosight.dataset.store import write_chunk
 from exosight.exosuit.scenarios import SampledShape, sample_shapes
 from exosight.exosuit.shapes import FAMILIES
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 CAMERA = Camera(width=6, height=4)
 SHAPES = sample_shapes(1, seed=0)

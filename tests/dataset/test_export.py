@@ -21,7 +21,7 @@ from exosight.errors import DataError, InputError
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.exosuit.shapes import FAMILIES
 from exosight.files import new_file
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 CAMERA = Camera(metres_per_pixel=0.01, width=12, height=8)
 

@@ -9,7 +9,7 @@ from exosight.dataset.manifest import dataset_identity, read_manifest, sampled_s
 from exosight.dataset.store import write_chunk
 from exosight.errors import DataError, InputError
 from exosight.exosuit.scenarios import sample_shapes
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 from .conftest import CAMERA, SHAPES, describe, made_up
 

@@ -26,7 +26,7 @@ from exosight.dataset.simulation import (
 from exosight.exosuit.assembly import Pose, assemble, observe
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.mechanics import potential, stack
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 from exosight.vision.scene import picture
 
 CONFIG = GenerateConfig(

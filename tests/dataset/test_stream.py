@@ -17,7 +17,7 @@ from exosight.dataset.simulation import simulate_shapes
 from exosight.dataset.stream import block_shapes, stream
 from exosight.errors import DataError
 from exosight.exosuit.scenarios import geometry, sample_shapes
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 from .conftest import made_up
 

@@ -17,7 +17,7 @@ from exosight.environment import GRIP  # noqa: E402
 from exosight.environment.envs import GripEnv, GripVectorEnv  # noqa: E402
 from exosight.environment.task import REWARD_UNIT  # noqa: E402
 from exosight.errors import InputError  # noqa: E402
-from exosight.vision.camera import Camera  # noqa: E402
+from exosight.system.camera import Camera  # noqa: E402
 
 SMALL = Camera(metres_per_pixel=0.0088, width=16, height=16)
 COUNT = 3

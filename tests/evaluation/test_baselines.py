@@ -9,7 +9,7 @@ from exosight.dataset import Frames, Manifest, Split, make_split, new_manifest
 from exosight.evaluation.baselines import evaluate_baselines
 from exosight.exosuit.scenarios import SampledShape, sample_shapes
 from exosight.exosuit.shapes import FAMILIES
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 SHAPES = sample_shapes(4, seed=0)
 U = np.concatenate([np.arange(0, 4, 0.1), np.arange(4, 0, -0.1)])

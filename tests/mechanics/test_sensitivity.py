@@ -59,7 +59,7 @@ def pressed() -> Robot:
 def net_force(robot: Robot, q: AnyArray) -> jax.Array:
     contact = robot.terms[1]
     assert isinstance(contact, SphereContact)
-    force = contact.forces(robot, walk(robot, jnp.asarray(q)).position)
+    _, force = contact.forces(robot, walk(robot, jnp.asarray(q)).position)
     return jnp.sum(jnp.sqrt(jnp.sum(force**2, axis=-1) + 1e-20))
 
 

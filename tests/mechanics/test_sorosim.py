@@ -210,5 +210,5 @@ def test_contact(evaluate: Callable, reference: Callable) -> None:
         assert [tuple(pair) for pair in np.argwhere(overlap > 0)] == [(first - 1, second - 1)]
         assert overlap.max() == pytest.approx(depth, abs=SAME)
         # The reference lists what acts on the rod. 1000 N/m times the errors of both positions.
-        on_links_now = np.asarray(contact.forces(robot, motion.position))
+        on_links_now = np.asarray(contact.forces(robot, motion.position)[1])
         np.testing.assert_allclose(on_links_now[int(second) - 1], -np.array(force), atol=1000 * SAME)

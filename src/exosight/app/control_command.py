@@ -15,7 +15,7 @@ from exosight.evaluation.tables import Cell
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.shapes import shape_to_dict
 from exosight.files import as_csv, write_new_file
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 TRIALS = 6
 

@@ -34,7 +34,7 @@ from exosight.learning.model_inputs import HISTORY_SPACING, ModelInputs
 from exosight.learning.online_simulation import FrameBlock, FrameBlocks
 from exosight.learning.process_group import SINGLE, ProcessGroup
 from exosight.learning.samples import stacks
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 if TYPE_CHECKING:
     from exosight.learning import Pretrained  # needs PyTorch

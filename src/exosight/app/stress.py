@@ -23,7 +23,7 @@ from exosight.evaluation import Column, Table, figures
 from exosight.evaluation.figures.stress import Spread
 from exosight.exosuit.assembly import Exosuit
 from exosight.files import as_csv, write_new_file
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 GUARDED = "guarded"
 """Name of the scheduled law behind its guard."""

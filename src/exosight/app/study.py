@@ -26,7 +26,7 @@ from exosight.files import write_new_file
 from exosight.learning.config import resolve
 from exosight.learning.history import EpochRecord
 from exosight.learning.recipes import RECIPES, Recipe
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 from exosight.vision.corruptions import corrupt
 
 REPORT = "report.html"

@@ -30,7 +30,7 @@ from exosight.evaluation import figures
 from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, assemble, observe
 from exosight.exosuit.shapes import FAMILIES, radius
 from exosight.mechanics import follow, stack
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 from exosight.vision.scene import picture
 
 SHOWN_LOAD = 2.4

@@ -17,7 +17,7 @@ from exosight.exosuit.shapes import radius
 from exosight.exosuit.simulation import PATH_STEP
 from exosight.mechanics import JointTorque, Robot, stack, step_batch
 from exosight.mechanics.equilibrium import SolverOptions
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 from exosight.vision.renderer import render
 from exosight.vision.scene import tubes
 

@@ -15,7 +15,7 @@ from exosight.control.paths import ControllerConfig
 from exosight.errors import ConvergenceError, InputError
 from exosight.exosuit.assembly import Exosuit, assemble, observe
 from exosight.mechanics import follow, stack
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 from exosight.vision.scene import picture
 
 _NEAR = 0.03

@@ -15,7 +15,7 @@ from exosight.errors import ConvergenceError, InputError
 from exosight.exosuit.assembly import Exosuit, assemble, observe
 from exosight.exosuit.simulation import PATH_STEP
 from exosight.mechanics import Robot, follow, stack
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 from exosight.vision.scene import picture
 
 _PIECE = 16  # loads a call: the solver is compiled once for all calls of up to 16

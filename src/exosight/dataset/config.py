@@ -6,8 +6,8 @@ from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
 from exosight.exosuit.variation import PlantVariation
+from exosight.system.camera import Camera
 from exosight.vision.appearance import AppearanceVariation
-from exosight.vision.camera import Camera
 from exosight.vision.lighting import LightingVariation
 
 

@@ -18,7 +18,7 @@ from exosight.errors import DataError, InputError
 from exosight.exosuit.scenarios import SCENARIOS, SampledShape, sampled_from_dict, sampled_to_dict
 from exosight.exosuit.shapes import FAMILIES
 from exosight.files import write_new_file
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 FORMAT = 1
 """Version of the layout on disk; a reader takes this one and older."""

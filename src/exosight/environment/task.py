@@ -25,7 +25,7 @@ from exosight.control.batch import BatchPlant
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
 from exosight.mechanics.equilibrium import SolverOptions
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 REWARD_UNIT = 0.1
 """Error of F_net that costs 1 [N]."""

@@ -203,7 +203,7 @@ def observe(robots: Robot, q: Float[AnyArray, "robots loads dofs"]) -> Pose:
 def _observe(robot: Robot, q: Float[Array, " dofs"]) -> Pose:
     motion = walk(robot, q)
     contact = next(term for term in robot.terms if isinstance(term, SphereContact))
-    force = contact.forces(robot, motion.position)
+    _, force = contact.forces(robot, motion.position)
     squared = jnp.sum(force**2, axis=-1)
     pressed = squared > 0  # the root of 0 has no derivative, but a sphere that touches nothing has: 0
     forces = jnp.where(pressed, jnp.sqrt(jnp.where(pressed, squared, 1.0)), 0.0)

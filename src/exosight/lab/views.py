@@ -24,6 +24,7 @@ from exosight.exosuit.shapes import radius
 from exosight.exosuit.variation import Variant
 from exosight.lab.pose_cache import STRIDE, TOP, CachedExosuit, PoseCache, Rest
 from exosight.lab.settings import LARGEST, STEP, View, shape_of
+from exosight.system.camera import Camera
 from exosight.vision.appearance import (
     BACKGROUND_KINDS,
     OCCLUSION_KINDS,
@@ -32,7 +33,6 @@ from exosight.vision.appearance import (
     draw_appearance,
 )
 from exosight.vision.augment import augment
-from exosight.vision.camera import Camera
 from exosight.vision.corruptions import CORRUPTIONS, corrupt
 from exosight.vision.scene import picture
 

@@ -51,10 +51,13 @@ class SphereContact(Term):
         overlap = jnp.asarray(self.first.radius)[:, None] + self.second.radius[None] - distance
         return overlap, between / distance[..., None], distance
 
-    def forces(self, tree: Tree, position: Float[Array, "frames 3"]) -> Float[Array, "second 3"]:
-        """The summed force [N] that `first` exerts on each sphere of `second`, in the world."""
+    def forces(
+        self, tree: Tree, position: Float[Array, "frames 3"]
+    ) -> tuple[Float[Array, "first 3"], Float[Array, "second 3"]]:
+        """The summed force [N] on each sphere of `first` and on each of `second`, in the world."""
         overlap, normal, _ = self.pairs(tree, position)
-        return -jnp.sum(self.stiffness * jnp.maximum(overlap, 0.0)[..., None] * normal, axis=0)
+        push = self.stiffness * jnp.maximum(overlap, 0.0)[..., None] * normal
+        return jnp.sum(push, axis=1), -jnp.sum(push, axis=0)
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
         """Up to where the first open pair touches, and a little into it: from there on it is seen."""

@@ -6,6 +6,7 @@ lighting      how the bodies' shades and their light may differ when they are re
 ood_images    pictures without the plant, and what is kept for testing
 """
 
+from exosight.system.camera import Camera, project, resized
 from exosight.vision.appearance import (
     TRAINING,
     Appearance,
@@ -15,7 +16,6 @@ from exosight.vision.appearance import (
     to_table,
 )
 from exosight.vision.augment import augment
-from exosight.vision.camera import Camera, project, resized
 from exosight.vision.corruptions import CORRUPTIONS, add_noise, corrupt, set_contrast
 from exosight.vision.lighting import Lighting, LightingVariation, draw_lighting
 from exosight.vision.ood_images import HELD_OUT, OOD_KINDS, draw_ood_images

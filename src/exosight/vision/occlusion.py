@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float32, UInt8
 
-from exosight.vision.camera import Camera, resized
+from exosight.system.camera import Camera, resized
 from exosight.vision.renderer import BACKGROUND, Tube, draw
 
 SeenOcclusion = Literal["ellipse", "polygon", "bar"]

@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 from exosight.errors import InputError
+from exosight.system.camera import Camera
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.background import HELD_OUT_BACKGROUNDS
-from exosight.vision.camera import Camera
 from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS
 from exosight.vision.renderer import BACKGROUND, Tube, render
 

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import InputError
-from exosight.vision.camera import Camera, project
+from exosight.system.camera import Camera, project
 from exosight.vision.compiling import compiled
 
 BACKGROUND = 235

@@ -7,7 +7,7 @@ from jaxtyping import Float, UInt8
 
 from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose
 from exosight.exosuit.shapes import radius
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 from exosight.vision.lighting import EXOSUIT_SHADE, FINGER_SHADE, Lighting
 from exosight.vision.renderer import BACKGROUND, Tube, render
 

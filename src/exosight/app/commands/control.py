@@ -27,7 +27,7 @@ def control(model: MaybePath = None, out: MaybePath = None, json: Json = None) -
     from exosight.app.pipeline import camera_of
     from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, true_force
     from exosight.exosuit.assembly import Exosuit
-    from exosight.vision.camera import Camera
+    from exosight.system.camera import Camera
 
     with new_folder(out) if out is not None else nullcontext() as folder:
         camera, measure = Camera(), true_force

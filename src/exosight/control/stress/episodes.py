@@ -11,7 +11,7 @@ from exosight.control.trials import CONTROL_SHAPE
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit, varied
 from exosight.exosuit.variation import draw_variant
-from exosight.vision.camera import Camera
+from exosight.system.camera import Camera
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,27 @@
+"""Systems by name: the presets of this package, and files of a user's own."""
+
+from pathlib import Path
+
+from exosight.errors import InputError
+from exosight.exosuit.published import NAME, PublishedDesigns
+from exosight.system.designs import DesignSet, FileDesigns
+from exosight.system.file import read_system_file
+
+PRESETS: dict[str, str] = {
+    NAME: "the paper's finger and exosuits: eight spheres, one pressure line, one camera"
+}
+"""Names of the presets, and what each is."""
+
+
+def find_system(name: str) -> DesignSet:
+    """The designs of a preset, or of a system file (a name that ends in .toml or is a path).
+
+    Raises InputError for an unknown name or a file that describes no system, DataError for one that cannot be read.
+    """
+    if name == NAME:
+        return PublishedDesigns()
+    if name.endswith(".toml") or "/" in name:
+        return FileDesigns(read_system_file(Path(name)))
+    raise InputError(
+        f"system: expected {', '.join(PRESETS)} or a file *.toml, got {name!r}; see exosight system list"
+    )

@@ -1,0 +1,121 @@
+"""The published system: a soft exosuit clamped above a finger, as the paper describes it."""
+
+from dataclasses import replace
+from functools import cached_property
+
+from exosight.arrays import floats
+from exosight.errors import InputError
+from exosight.exosuit.assembly import MAX_FORCE, ROD, Exosuit, assemble, varied
+from exosight.exosuit.scenarios import SCENARIOS, SampledShape, sample_shapes
+from exosight.exosuit.shapes import FAMILIES, TABLE_I, ExosuitShape, shape_from_dict, shape_to_dict
+from exosight.exosuit.variation import PlantVariation, draw_variant
+from exosight.mechanics import PressureLine, SphereContact
+from exosight.system.camera import Camera
+from exosight.system.designs import Design
+from exosight.system.schema import Channel, Schema, SensorSpec
+from exosight.system.sensors import ContactForce, JointAngle, NetForce
+from exosight.system.surfaces import SphereSurface, TubeSurface
+from exosight.system.system import Actuator, Contact, System
+
+NAME = "published"
+COMMAND_LIMIT = 6.0
+"""Largest |u| that controllers ask for and plants take [N]; not printed in the paper."""
+FINGER_SHADE, EXOSUIT_SHADE = 0.72, 0.25
+CHANNEL = Channel("u", "N", -COMMAND_LIMIT, COMMAND_LIMIT, drive=MAX_FORCE)
+NOMINAL_CAMERA = Camera()
+
+
+def published(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINAL_CAMERA) -> System:
+    """The paper's system of one exosuit.
+
+    Rod `exosuit` and links `finger_0` … ; 42 spheres on the rod against two on each link; one pressure line on the
+    surface away from the finger. Sensors: C0 …, the contact force on each finger sphere, of which all but C0 are
+    estimated; F_net, their sum; angle_1 …, the flexion of the hinges.
+    """
+    worn = exosuit if isinstance(exosuit, Exosuit) else Exosuit(exosuit)
+    robot = assemble(worn)
+    line = next(term for term in robot.terms if isinstance(term, PressureLine))
+    contact = next(term for term in robot.terms if isinstance(term, SphereContact))
+    links = [body.name for body in robot.bodies if body.name != ROD]
+    names = [f"C{i}" for i in range(len(contact.second.frames))]
+    zones = tuple(
+        ContactForce(SensorSpec(name, "contact force", "N", estimated=i > 0), "finger_spheres", (i,))
+        for i, name in enumerate(names)
+    )
+    hinges = tuple(
+        JointAngle(SensorSpec(f"angle_{i + 1}", "joint angle", "rad"), links[i])
+        for i in range(len(worn.finger.joint_stiffness))
+    )
+    return System(
+        name=NAME,
+        bodies=robot.bodies,
+        surfaces=(
+            TubeSurface(
+                "finger",
+                (*((link, 0) for link in links), (links[-1], "end")),
+                floats(worn.finger.radii),
+                FINGER_SHADE,
+            ),
+            TubeSurface(
+                "exosuit",
+                tuple((ROD, i) for i in range(len(contact.first.frames))),
+                contact.first.radius,
+                EXOSUIT_SHADE,
+            ),
+            SphereSurface("exosuit_spheres", contact.first),
+            SphereSurface("finger_spheres", contact.second),
+        ),
+        contacts=(Contact("press", "exosuit_spheres", "finger_spheres", contact.stiffness),),
+        actuators=(Actuator(CHANNEL, line, floats(1.0)),),
+        sensors=(*zones, NetForce(SensorSpec("F_net", "net force", "N", parts=tuple(names[1:]))), *hinges),
+        cameras=(("camera", camera),),
+    )
+
+
+class PublishedDesigns:
+    """The eleven published scenarios of exosuit shapes, with what may vary in finger, material and mount.
+
+    nominal     what every design shares: finger, modulus, contact stiffness, gap, mount; its shape is not used
+    variation   how designs differ besides their shapes
+    camera      of every image
+    """
+
+    name = NAME
+    families = tuple(FAMILIES)
+    scenarios = tuple(scenario.name for scenario in SCENARIOS)
+
+    def __init__(
+        self,
+        nominal: Exosuit = Exosuit(),
+        variation: PlantVariation = PlantVariation(),
+        camera: Camera = NOMINAL_CAMERA,
+    ) -> None:
+        self.nominal, self.variation, self.camera = nominal, variation, camera
+
+    @cached_property
+    def schema(self) -> Schema:
+        """That of the Table I exosuit; all have the same."""
+        return published(self.nominal, self.camera).schema
+
+    def draw(self, per_scenario: int, seed: int) -> tuple[Design, ...]:
+        """Distinct shapes of each scenario, see `sample_shapes`; what else varies depends on seed and number."""
+        return tuple(self._design(sampled, seed) for sampled in sample_shapes(per_scenario, seed))
+
+    def exosuit(self, design: Design) -> Exosuit:
+        """The worn exosuit of a design."""
+        values = dict(design.parameters)
+        seed = values.pop("seed", None)
+        if not isinstance(seed, int):
+            raise InputError(f"design {design.number}: expected the seed that it was drawn by, got {seed!r}")
+        worn = replace(self.nominal, shape=shape_from_dict(values))
+        return varied(worn, draw_variant(self.variation, seed, design.number))
+
+    def build(self, design: Design) -> System:
+        """The system of a design; InputError for parameters that are no shape's."""
+        return published(self.exosuit(design), self.camera)
+
+    def _design(self, sampled: SampledShape, seed: int) -> Design:
+        family = self.families.index(sampled.shape.surface.family)
+        return Design(
+            sampled.shape_id, family, sampled.scenario, {**shape_to_dict(sampled.shape), "seed": seed}
+        )

@@ -1,0 +1,263 @@
+"""A system in a user's words: what a system file may say, table by table.
+
+Quantities are texts with their unit ("45 mm", "300 kPa"); everything else is a number, a name or a list. This is
+the one place that says which entries there are, their defaults and their limits; `build` makes the system.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
+
+from exosight.mechanics.rod import STRAINS
+from exosight.system.camera import LARGEST_SIDE
+from exosight.system.units import (
+    Acceleration,
+    Angle,
+    Density,
+    Distance,
+    Force,
+    Length,
+    Mass,
+    Modulus,
+    RotaryStiffness,
+    Stiffness,
+)
+from exosight.validation import CONFIG, Name
+
+FORMAT = 1
+"""Version of system files; a reader takes this one."""
+
+Strain = Literal["torsion_x", "bend_y", "bend_z", "stretch_x", "shear_y", "shear_z"]
+assert set(Strain.__args__) == set(STRAINS)
+
+Vector = tuple[Distance, Distance, Distance]
+Rotation = tuple[Angle, Angle, Angle]
+Unit01 = Annotated[float, Field(ge=0, le=1)]
+Sphere = Annotated[int, Field(ge=0, le=100_000)]
+ORIGIN = (0.0, 0.0, 0.0)
+_STRICT = ConfigDict(extra="forbid", populate_by_name=True)
+
+
+@dataclass(frozen=True, config=CONFIG)
+class RadiusProfile:
+    """A radius along a rod: exactly one of formula, values and csv."""
+
+    unit: Literal["m", "cm", "mm"]
+    """of the radii"""
+    formula: str | None = None
+    """of X, 0 at the base to 1 at the tip, such as "5.8 - 1.8*X" """
+    values: (
+        Annotated[tuple[Annotated[float, Field(gt=0, le=1e6)], ...], Field(min_length=2, max_length=10_000)]
+        | None
+    ) = None
+    """evenly spaced from base to tip"""
+    x: Annotated[tuple[Unit01, ...], Field(min_length=2, max_length=10_000)] | None = None
+    """places of the values, from 0 to 1, if they are not evenly spaced"""
+    csv: Annotated[str, Field(max_length=255)] | None = None
+    """a file beside the system file, with rows X, radius"""
+    scale: Annotated[float, Field(gt=0, le=1000)] = 1.0
+    """factor on every radius"""
+
+    def __post_init__(self) -> None:
+        given = [name for name in ("formula", "values", "csv") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(f"expected one of formula, values and csv, got {' and '.join(given) or 'none'}")
+        if self.x is not None and (self.values is None or len(self.x) != len(self.values)):
+            raise ValueError("x: expected one place for each of the values")
+
+
+@dataclass(frozen=True, config=CONFIG)
+class JointTable:
+    """How a link moves against its parent."""
+
+    type: Literal["revolute", "universal", "fixed"]
+    """revolute: one hinge; universal: two, about y and then z"""
+    axis: Literal["x", "y", "z"] = "y"
+    """of a revolute joint, in the parent's frame; a positive angle about y turns x towards −z"""
+    stiffness: RotaryStiffness = 0.0
+    range: tuple[Angle, Angle] | None = None
+    limit_stiffness: RotaryStiffness = 5.0
+    """of the quadratic penalty beyond the range"""
+
+    def __post_init__(self) -> None:
+        if self.range is not None and not self.range[0] < self.range[1]:
+            raise ValueError("range: expected the lower angle first")
+        if self.range is not None and self.limit_stiffness == 0:
+            raise ValueError("limit_stiffness: expected more than 0 where there is a range")
+
+
+@dataclass(frozen=True, config=CONFIG)
+class LinkTable:
+    """A rigid, tapered link along its own x axis."""
+
+    length: Length
+    radius: tuple[Length, Length]
+    """at its base and at its end"""
+    parent: Name | None = None
+    """the body at whose end it sits; without: the ground"""
+    joint: JointTable = JointTable("fixed")
+    position: Vector = ORIGIN
+    """of its base in the frame of the parent's end"""
+    rotation: Rotation = ORIGIN
+    """of its base against that frame, as a rotation vector"""
+    mass: Mass = 0.0
+    """at its middle"""
+
+
+@dataclass(frozen=True, config=CONFIG)
+class RodTable:
+    """A soft rod along its own x axis."""
+
+    length: Length
+    radius: RadiusProfile | Length
+    young: Modulus
+    poisson: Annotated[float, Field(gt=-1, le=0.5)] = 0.5
+    density: Density = 0.0
+    strains: Annotated[tuple[Strain, ...], Field(min_length=1, max_length=6)] = ("bend_y", "stretch_x")
+    """that it can take"""
+    elements: Annotated[int, Field(ge=1, le=64)] = 5
+    """of its quadratic strain functions"""
+    points_per_element: Annotated[int, Field(ge=2, le=32)] = 8
+    """Gauss points; energy is integrated, and spheres sit, at these and at both ends"""
+    parent: Name | None = None
+    position: Vector = ORIGIN
+    rotation: Rotation = ORIGIN
+
+    def __post_init__(self) -> None:
+        if len(set(self.strains)) < len(self.strains):
+            raise ValueError("strains: expected each strain once")
+
+
+@dataclass(frozen=True, config=CONFIG)
+class SurfaceTable:
+    """Geometry that bodies carry: a tube is what cameras see, spheres are what contacts act between."""
+
+    type: Literal["tube", "spheres"]
+    bodies: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)]
+    """one rod, or links in a chain"""
+    at: Annotated[tuple[Unit01, ...], Field(min_length=1, max_length=1000)] | None = None
+    """places of spheres along each link, 0 at its base to 1 at its end; a rod has one at each of its points"""
+    shade: Unit01 = 0.5
+    """gray of a tube, 0 black to 1 white"""
+
+
+@dataclass(frozen=True, config=CONFIG)
+class ContactTable:
+    """Two surfaces of spheres that press on each other."""
+
+    first: Name
+    second: Name
+    stiffness: Stiffness
+    """of a pair of spheres"""
+
+
+@dataclass(frozen=True, config=CONFIG)
+class ActuatorTable:
+    """What acts on a body, commanded by one channel."""
+
+    type: Literal["pressure_line", "cable", "joint_torque"]
+    """pressure_line pushes with u along a line on a rod, cable pulls, joint_torque turns a link's joint"""
+    range: tuple[str, str]
+    """smallest and largest command, such as ["0 N", "4 N"] or ["0 kPa", "80 kPa"]"""
+    body: Name
+    """the rod, or the link behind the joint"""
+    rate: str | None = None
+    """largest change a second, such as "10 N/s" """
+    drive: str | None = None
+    """command at the far end of a dataset's paths; without: the end of the range that is further from 0"""
+    gain: str | None = None
+    """newtons (or N m) a unit of command, such as "0.05 N/kPa"; not needed where the command is a force"""
+    angle: Angle = 1.5707963267948966
+    """where a line runs around its rod, from the y axis towards the z axis; 90 deg is on top"""
+    turns: Annotated[float, Field(ge=-100, le=100)] = 0.0
+    """of a line around its rod, from base to tip"""
+    offset: Length | None = None
+    """of a line from its rod's axis; without: on the rod's surface"""
+    coordinate: Annotated[int, Field(ge=0, le=5)] = 0
+    """which coordinate of the joint is turned"""
+
+
+@dataclass(frozen=True, config=CONFIG)
+class SensorTable:
+    """A named scalar."""
+
+    type: Literal["contact_force", "net_force", "joint_angle"]
+    surface: Name | None = None
+    """of a contact force: the surface that it acts on"""
+    spheres: Annotated[tuple[Sphere, ...], Field(min_length=1, max_length=1000)] | None = None
+    """of a contact force: the zone, as numbers of spheres on that surface"""
+    body: Name | None = None
+    """of a joint angle: the link behind the joint; of a contact force: the zone is all spheres on this body"""
+    coordinate: Annotated[int, Field(ge=0, le=5)] = 0
+    """of a joint angle: which coordinate of the joint"""
+    parts: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)] | None = None
+    """of a net force: the sensors that it sums"""
+    estimated: bool = False
+    """whether networks estimate it from images"""
+    limit: Force | None = None
+    """largest force that control may allow"""
+
+    def __post_init__(self) -> None:
+        needed = {"contact_force": ("surface",), "net_force": ("parts",), "joint_angle": ("body",)}[self.type]
+        for name in needed:
+            if getattr(self, name) is None:
+                raise ValueError(f"expected {name} for a sensor of type {self.type}, got none")
+        if self.type == "contact_force" and (self.spheres is None) == (self.body is None):
+            raise ValueError("expected the zone as spheres or as a body, one of the two")
+        if self.type == "net_force" and self.estimated:
+            raise ValueError("estimated: a net force follows from its parts; leave it out")
+
+
+@dataclass(frozen=True, config=CONFIG)
+class CameraTable:
+    """An orthographic camera that looks along y at the x–z plane."""
+
+    centre: tuple[Distance, Distance]
+    """x and z of what is in the middle of the image"""
+    pixel: Length
+    """side of a pixel in the world"""
+    width: Annotated[int, Field(ge=16, le=LARGEST_SIDE)] = 128
+    height: Annotated[int, Field(ge=16, le=LARGEST_SIDE)] = 128
+
+
+@dataclass(frozen=True, config=_STRICT)
+class VaryTable:
+    """An entry of the file that differs from design to design, drawn evenly between two values."""
+
+    entry: Annotated[str, Field(max_length=200)]
+    """such as "rods.sleeve.young" or "links.distal.radius.0" """
+    low: str | float
+    high: str | float
+
+
+Rods = Annotated[dict[Name, RodTable], Field(max_length=256)]
+Links = Annotated[dict[Name, LinkTable], Field(max_length=256)]
+
+
+@dataclass(frozen=True, config=CONFIG)
+class Description:
+    """A whole system file."""
+
+    format: Literal[1]
+    name: Name
+    cameras: Annotated[dict[Name, CameraTable], Field(min_length=1, max_length=64)]
+    actuators: Annotated[dict[Name, ActuatorTable], Field(min_length=1, max_length=64)]
+    sensors: Annotated[dict[Name, SensorTable], Field(min_length=1, max_length=1024)]
+    surfaces: Annotated[dict[Name, SurfaceTable], Field(min_length=1, max_length=256)]
+    contacts: Annotated[dict[Name, ContactTable], Field(max_length=256)] = Field(default_factory=dict)
+    rods: Rods = Field(default_factory=dict)
+    links: Links = Field(default_factory=dict)
+    gravity: tuple[Acceleration, Acceleration, Acceleration] = ORIGIN
+    """on the masses of links and the density of rods"""
+    vary: Annotated[tuple[VaryTable, ...], Field(max_length=256)] = ()
+    """what differs from design to design of a dataset"""
+
+    def __post_init__(self) -> None:
+        if self.format != FORMAT:
+            raise ValueError(f"format: expected {FORMAT}, got {self.format}")
+        both = self.rods.keys() & self.links.keys()
+        if both:
+            raise ValueError(f"expected different names of rods and links, got {sorted(both)[0]} twice")
+        if not self.rods and not self.links:
+            raise ValueError("expected at least one rod or link, got none")

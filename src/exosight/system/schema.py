@@ -1,0 +1,220 @@
+"""What a system tells the programs that work with it: its load channels, its sensors, its cameras.
+
+The schema travels: it stands in the manifest of a dataset, the card of a network, a recording and a report, and
+is compared wherever two of them meet. Usable without JAX.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from jaxtyping import Float
+from pydantic import Field, TypeAdapter, ValidationError
+from pydantic.dataclasses import dataclass
+
+from exosight.errors import InputError
+from exosight.validation import CONFIG, Name, first_fault
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Unit = Annotated[str, Field(min_length=1, max_length=16)]
+Quantity = Literal["contact force", "net force", "joint angle"]
+
+
+@dataclass(frozen=True, config=CONFIG)
+class Channel:
+    """One load channel of a system: what an actuator is commanded to do.
+
+    Raises a validation error for an empty range, or a rate that is not above 0.
+    """
+
+    name: Name
+    unit: Unit
+    low: Finite
+    """Smallest command [unit]."""
+    high: Finite
+    """Largest command [unit]."""
+    rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Largest change of the command a second [unit/s]; None: not limited."""
+    drive: Finite | None = None
+    """Command at the far end of a dataset's paths [unit]; None: the end of the range that is further from 0."""
+
+    @property
+    def peak(self) -> float:
+        """Command at the far end of a dataset's paths [unit]."""
+        return self.drive if self.drive is not None else max(self.high, self.low, key=abs)
+
+    def __post_init__(self) -> None:
+        if self.drive is not None and not (self.low <= self.drive <= self.high and self.drive != 0):
+            raise ValueError(
+                f"channel {self.name}: expected drive within its range and not 0, got {self.drive:g}"
+            )
+        if not self.low <= 0 <= self.high or self.low == self.high:
+            raise ValueError(
+                f"channel {self.name}: expected a range with 0 in it, got {self.low:g}…{self.high:g}"
+            )
+
+
+@dataclass(frozen=True, config=CONFIG)
+class SensorSpec:
+    """One scalar that is read off a state of a system."""
+
+    name: Name
+    quantity: Quantity
+    unit: Unit
+    estimated: bool = False
+    """Whether networks estimate it from images."""
+    parts: tuple[Name, ...] = ()
+    """Of a net force: the sensors whose sum it is."""
+    limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Largest magnitude that control may allow [unit]; None: not limited."""
+
+
+@dataclass(frozen=True, config=CONFIG)
+class ViewSpec:
+    """Name and image size of a camera [pixels]."""
+
+    name: Name
+    width: Annotated[int, Field(ge=1)]
+    height: Annotated[int, Field(ge=1)]
+
+
+@dataclass(frozen=True, config=CONFIG)
+class Schema:
+    """Names, units and ranges of everything that goes into a system and comes out of it.
+
+    Raises a validation error if a name is used twice, or a sum names a sensor that does not come before it.
+    """
+
+    system: Name
+    channels: Annotated[tuple[Channel, ...], Field(min_length=1, max_length=64)]
+    sensors: Annotated[tuple[SensorSpec, ...], Field(min_length=1, max_length=1024)]
+    cameras: Annotated[tuple[ViewSpec, ...], Field(min_length=1, max_length=64)]
+
+    def __post_init__(self) -> None:
+        for kind, entries in (
+            ("channels", self.channels),
+            ("sensors", self.sensors),
+            ("cameras", self.cameras),
+        ):
+            names = [entry.name for entry in entries]
+            twice = next((name for name in names if names.count(name) > 1), None)
+            if twice:
+                raise ValueError(f"{kind}: expected different names, got {twice} twice")
+        known: set[str] = set()
+        for sensor in self.sensors:
+            unknown = [part for part in sensor.parts if part not in known]
+            if unknown:
+                raise ValueError(f"sensor {sensor.name}: it sums {unknown[0]}, which is no sensor before it")
+            known.add(sensor.name)
+
+    @property
+    def estimated(self) -> tuple[SensorSpec, ...]:
+        """The sensors that networks estimate, in the order of their outputs."""
+        return tuple(sensor for sensor in self.sensors if sensor.estimated)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the sensors that networks estimate."""
+        return tuple(sensor.name for sensor in self.estimated)
+
+    @property
+    def controllable(self) -> tuple[str, ...]:
+        """Names of the sensors that follow from what is estimated: the estimated ones and their sums."""
+        return tuple(sensor.name for sensor in self.sensors if self._parts(sensor.name) is not None)
+
+    @property
+    def controlled(self) -> str:
+        """The sensor that force control follows by default: the first net force, or the first estimated one."""
+        sums = [s.name for s in self.sensors if s.parts and s.name in self.controllable]
+        return (sums or list(self.controllable))[0]
+
+    def index(self, name: str) -> int:
+        """Place of a sensor among all; InputError if there is none of this name."""
+        names = [sensor.name for sensor in self.sensors]
+        if name not in names:
+            raise InputError(f"sensor: the system {self.system} has no {name!r}; it has {', '.join(names)}")
+        return names.index(name)
+
+    def sensor(self, name: str) -> SensorSpec:
+        """A sensor by its name; InputError if there is none."""
+        return self.sensors[self.index(name)]
+
+    def output_indices(self) -> list[int]:
+        """Places of the estimated sensors among all."""
+        return [self.index(name) for name in self.outputs]
+
+    def weights(self, name: str) -> Float[np.ndarray, " outputs"]:
+        """w with sensor = w · (estimated sensors).
+
+        Raises InputError for a sensor that does not follow from the estimated ones.
+        """
+        self.index(name)
+        parts = self._parts(name)
+        if parts is None:
+            raise InputError(
+                f"sensor {name}: it is not estimated from images; choose one of {', '.join(self.controllable)}"
+            )
+        return np.array([float(parts.count(output)) for output in self.outputs])
+
+    def _parts(self, name: str) -> list[str] | None:
+        """The estimated sensors whose sum a sensor is, or None if it is no such sum."""
+        sensor = self.sensor(name)
+        if sensor.estimated:
+            return [name]
+        parts = [self._parts(part) for part in sensor.parts]
+        if not parts or any(part is None for part in parts):
+            return None
+        return [output for part in parts for output in part or ()]
+
+    @property
+    def limits(self) -> tuple[Float[np.ndarray, " channels"], Float[np.ndarray, " channels"]]:
+        """Smallest and largest command of every channel [its unit]."""
+        return np.array([c.low for c in self.channels]), np.array([c.high for c in self.channels])
+
+
+_ADAPTER = TypeAdapter(Schema)
+
+
+def schema_to_dict(schema: Schema) -> dict[str, Any]:
+    """The schema as JSON values."""
+    return _ADAPTER.dump_python(schema, mode="json")
+
+
+def schema_from_dict(values: Any) -> Schema:
+    """The schema that `schema_to_dict` wrote; InputError naming the first entry that does not fit."""
+    try:
+        return _ADAPTER.validate_python(values)
+    except ValidationError as error:
+        raise InputError(f"schema: {first_fault(error)}") from None
+
+
+def difference(
+    first: Schema, second: Schema, parts: Sequence[str] = ("channels", "sensors", "cameras")
+) -> str | None:
+    """How the second schema differs from the first in the given parts, in words, or None if they agree.
+
+    Names of systems may differ: two systems are interchangeable where their channels, sensors and cameras agree.
+    """
+    for kind in parts:
+        mine, other = getattr(first, kind), getattr(second, kind)
+        names, others = [x.name for x in mine], [x.name for x in other]
+        if names != others:
+            return f"expected the {kind} {', '.join(names)}, got {', '.join(others)}"
+        for a, b in zip(mine, other, strict=True):
+            for field in a.__dataclass_fields__:
+                x, y = getattr(a, field), getattr(b, field)
+                same = (
+                    math.isclose(x, y, rel_tol=1e-12)
+                    if isinstance(x, float) and isinstance(y, float)
+                    else x == y
+                )
+                if not same:
+                    return f"{kind[:-1]} {a.name}: expected {field} {_shown(x)}, got {_shown(y)}"
+    return None
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, tuple):
+        return " + ".join(map(str, value)) or "none"
+    return f"{value:g}" if isinstance(value, float) else str(value)
