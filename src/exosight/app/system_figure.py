@@ -2,6 +2,7 @@
 
 import io
 
+import jax.numpy as jnp
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
@@ -29,7 +30,7 @@ MM = 1e3
 def system_figure(system: System) -> bytes:
     """A PNG of the unloaded system; lengths in mm."""
     robot = system.robot
-    motion = walk(robot, np.zeros(robot.dofs))
+    motion = walk(robot, jnp.zeros(robot.dofs))
     cameras = system.cameras[:MOST_VIEWS]
     figure = Figure(figsize=(7.5 + 3.2 * len(cameras), 4.2), layout="constrained")
     grid = figure.add_gridspec(1, 1 + len(cameras), width_ratios=[7, *[3] * len(cameras)])
