@@ -35,8 +35,8 @@ from exosight.mechanics import (
     walk,
 )
 from exosight.mechanics.contact import Spheres
+from exosight.mechanics.equation_of_motion import spatial_inertia
 from exosight.mechanics.term import Bound, Expansion, zero
-from exosight.mechanics.timestep import spatial_inertia
 from exosight.mechanics.tree import Tree
 
 G = 9.81
