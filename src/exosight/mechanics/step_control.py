@@ -42,7 +42,7 @@ class StepLimits(NamedTuple):
 
 def step_error(
     tableau: Tableau,
-    slopes: Float[Array, "stages 2 dofs"],
+    slopes: Float[AnyArray, "stages 2 dofs"],
     step: Float[AnyArray, ""],
     distance: Callable[[Array], Array],
 ) -> Float[Array, ""]:

@@ -134,8 +134,8 @@ class TimeStepper:
                 ),
                 proposed=proposed,
                 stage=jnp.where(rewritten, 0, 1),
-                slopes=state.slopes.at[0].set(state.slopes[-1]),
-                forces=state.forces.at[0].set(state.forces[-1]),
+                slopes=jnp.asarray(state.slopes).at[0].set(state.slopes[-1]),
+                forces=jnp.asarray(state.forces).at[0].set(state.forces[-1]),
                 steps=state.steps + 1,
             )
         )
