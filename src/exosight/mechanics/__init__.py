@@ -8,7 +8,7 @@ contact, actuation           spheres that press on each other; pressure and cabl
 loads, bushing               weight, wrenches, spread forces, torques; springs between frames that close loops
 equilibrium                  stable minima of the energy, followed along a load path
 batched_stepping             many robots a step further at a time, each to loads of its own
-dynamics                     motion in time under the same energies
+dynamics                     motion in time under the same energies: equation_of_motion, stepped by timestep
 """
 
 from exosight.mechanics.actuation import PressureLine, helix, straight
