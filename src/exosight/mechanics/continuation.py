@@ -120,9 +120,7 @@ class ContinuationState(NamedTuple):
     records: Records
 
 
-def begin(
-    q: Float[AnyArray, " dofs"], origin: Float[AnyArray, " channels"], room: int
-) -> ContinuationState:
+def begin(q: Float[AnyArray, " dofs"], origin: Float[AnyArray, " channels"], room: int) -> ContinuationState:
     """A robot at pose q and loads `origin` with room for so many loads; in NumPy, filled in from Python."""
     n, channels = len(q), len(origin)
     zeros: Any = np.zeros
@@ -199,7 +197,9 @@ def stepper(
 
     def reach(motion: Motion, p: Array) -> Array:
         return jnp.min(
-            jnp.stack([jnp.array(jnp.inf), *(term.max_step_fraction(robot, motion, p) for term in robot.terms)])
+            jnp.stack(
+                [jnp.array(jnp.inf), *(term.max_step_fraction(robot, motion, p) for term in robot.terms)]
+            )
         )
 
     def step(state: ContinuationState) -> ContinuationState:
@@ -209,9 +209,7 @@ def stepper(
         residual = metric.force(there.gradient) / (metric.size(state.q) + metric.unit)
 
         descending = state.phase == DESCEND
-        moved, accepted = descent.accept(
-            state.descent, metric, state.q, there, residual, robot.conservative
-        )
+        moved, accepted = descent.accept(state.descent, metric, state.q, there, residual, robot.conservative)
         q, here, residual = jax.tree.map(
             lambda a, b: jnp.where(descending, a, b),
             (moved.q, moved.here, moved.residual),
@@ -301,7 +299,13 @@ def _judge(
     off = ~jnp.isfinite(point.residual)
     # … and along the branch.
     solved = branch.bordered(
-        metric, anchor, point.q, point.here.gradient, point.here.hessian, span @ point.here.load_gradient, state.s
+        metric,
+        anchor,
+        point.q,
+        point.here.gradient,
+        point.here.hessian,
+        span @ point.here.load_gradient,
+        state.s,
     )
     on_branch = point.residual < ROUGH
     unit = anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300)
@@ -322,17 +326,19 @@ def _judge(
     good = along & on_branch & alike
     passed = good & rising & (state.t >= 1)
     turned = good & (solved.dt < 0)
-    arrived = jnp.where(
-        to_load, settled & like, jnp.where(along, good & rising & (state.t < 1), settled)
-    )
+    arrived = jnp.where(to_load, settled & like, jnp.where(along, good & rising & (state.t < 1), settled))
     failed = jnp.where(
-        to_load, (settled & ~like) | (~settled & stray), along & ((on_branch & ~(alike & (rising | (solved.dt < 0)))) | (~on_branch & drift))
+        to_load,
+        (settled & ~like) | (~settled & stray),
+        along & ((on_branch & ~(alike & (rising | (solved.dt < 0)))) | (~on_branch & drift)),
     )
     at_load = arrived & (state.t >= 1)
     lost = ~at_load & (state.steps + 1 >= max_iterations)
     if not conservative:
         lost = lost | (to_load & failed & (dt < 1e-5))
-    return Verdict(arrived, at_load, lost, failed, passed, turned, corner, jnp.where(along, solved.dq, tangent), solved)
+    return Verdict(
+        arrived, at_load, lost, failed, passed, turned, corner, jnp.where(along, solved.dq, tangent), solved
+    )
 
 
 def _settle(
@@ -483,7 +489,9 @@ def _next(
     from_end = narrowed & ~failed
     along_q = jnp.where(from_end, look.q, anchor.q + anchor.tangent * (length / speed))
     along_t = jnp.where(from_end, look.t, anchor.t + length / speed)
-    past = jnp.maximum(jnp.where(narrowed, look.end, anchor.t), anchor.t + narrow) + narrow * (state.nudge - 1)
+    past = jnp.maximum(jnp.where(narrowed, look.end, anchor.t), anchor.t + narrow) + narrow * (
+        state.nudge - 1
+    )
     past = past + jnp.where(cornered, corner / speed, 0.0)
     descent_t = jnp.where(verdict.lost, 0.0, jnp.minimum(1.0, past))
     push = jnp.where(verdict.lost, 0.0, PUSH * metric.range(anchor.q))
@@ -509,9 +517,7 @@ def _next(
         curvature=step @ walk.here.hessian @ step,
         shift=jnp.where(accepted, shift, walk.shift),
         fresh=start_descent,
-        radius=jnp.where(
-            start_descent, jnp.where(verdict.lost, jnp.inf, push), walk.radius
-        ),
+        radius=jnp.where(start_descent, jnp.where(verdict.lost, jnp.inf, push), walk.radius),
     )
     restarted = start_to_load | start_along | start_descent
     return state._replace(
@@ -523,7 +529,9 @@ def _next(
         q=choose(anchor.q + anchor.tangent * onwards, along_q, anchor.q + ahead, go_q),
         t=choose(goal, along_t, descent_t, go_t),
         s=jnp.where(start_along, s, state.s),
-        growth=jnp.where(failed, jnp.where(at_corner, 2 * MARGIN, 1.0), jnp.where(arrived, 2.0, state.growth)),
+        growth=jnp.where(
+            failed, jnp.where(at_corner, 2 * MARGIN, 1.0), jnp.where(arrived, 2.0, state.growth)
+        ),
         previous=jax.tree.map(
             lambda gone, now: jnp.where(restarted | (whole < 1), gone, now),
             (state.previous[0], jnp.inf),

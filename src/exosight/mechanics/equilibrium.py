@@ -12,6 +12,7 @@ from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.robot import Robot
 
+
 @dataclass(frozen=True)
 class SolverOptions:
     """How an equilibrium is searched.

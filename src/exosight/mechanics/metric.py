@@ -38,9 +38,7 @@ class Metric(NamedTuple):
     @staticmethod
     def of(robot: Robot) -> "Metric":
         matrix = metric_of(robot)
-        return Metric(
-            matrix, jnp.linalg.cholesky(matrix), 0.01 * jnp.sqrt(jnp.trace(matrix) / robot.dofs)
-        )
+        return Metric(matrix, jnp.linalg.cholesky(matrix), 0.01 * jnp.sqrt(jnp.trace(matrix) / robot.dofs))
 
     def size(self, q: Float[AnyArray, " dofs"]) -> Float[Array, ""]:
         """|q|, with |q|² = qᵀ M q."""
