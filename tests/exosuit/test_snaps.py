@@ -7,7 +7,7 @@ import pytest
 
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, assemble, observe
 from exosight.exosuit.scenarios import sample_shapes
-from exosight.mechanics import Equilibria, Robot, follow, stack
+from exosight.mechanics import Equilibria, Robot, drive, stack
 
 LOADS = np.linspace(0, MAX_FORCE, 51)[:, None]
 
@@ -17,7 +17,7 @@ def paths() -> tuple[Sequence[Robot], Equilibria, np.ndarray]:
     """Four exosuits of the eleven scenarios, three of which snap, driven 0 → 4 N; and their F_net [N]."""
     robots = [assemble(Exosuit(s.shape)) for s in sample_shapes(1, seed=0)]
     robots = [robots[i] for i in (0, 1, 3, 5)]
-    found = follow(robots, LOADS)
+    found = drive(robots, LOADS)
     assert found.converged.all()
     return robots, found, np.asarray(observe(stack(robots), np.asarray(found.q)).net_force)
 
@@ -37,7 +37,7 @@ def test_a_step_without_a_snap_gets_smaller_when_it_is_divided(paths: tuple) -> 
     for place in np.argsort(change.ravel())[-10:]:
         i, step = np.unravel_index(place, change.shape)
         between = np.linspace(LOADS[step, 0], LOADS[step + 1, 0], 17)[:, None]
-        fine = follow([robots[i]], between, q=np.asarray(found.q)[i : i + 1, step])
+        fine = drive([robots[i]], between, q=np.asarray(found.q)[i : i + 1, step])
         assert fine.converged.all()
         parts = np.abs(np.diff(np.asarray(observe(stack([robots[i]]), np.asarray(fine.q)).net_force)[0]))
         # A jump would leave one part with nearly all; a smooth path, steepest near a fold, leaves a quarter.
@@ -53,7 +53,7 @@ def test_a_snap_stays_as_large_as_it_is_when_the_step_is_divided(paths: tuple) -
     for place in np.argsort(moved.ravel())[-5:]:
         i, step = np.unravel_index(place, moved.shape)
         between = np.linspace(LOADS[step, 0], LOADS[step + 1, 0], 17)[:, None]
-        fine = follow([robots[i]], between, q=q[i : i + 1, step])
+        fine = drive([robots[i]], between, q=q[i : i + 1, step])
         parts = np.linalg.norm(np.diff(np.asarray(fine.q)[0], axis=0), axis=1)
         assert fine.snapped.any()
         assert parts.max() > 0.5 * moved[i, step]

@@ -30,8 +30,9 @@ from exosight.mechanics import (
     SolverOptions,
     SphereContact,
     Term,
+    drive,
     evolve,
-    follow,
+    walk,
 )
 from exosight.mechanics.contact import Spheres
 from exosight.mechanics.equation_of_motion import spatial_inertia
@@ -261,7 +262,7 @@ def test_released_cantilever_of_sorosim(
 
 def test_rest_of_a_damped_motion_is_the_equilibrium() -> None:
     robot = cantilever(viscosity=3e5)
-    still = follow([robot], np.zeros((1, 0)), options=SolverOptions())
+    still = drive([robot], np.zeros((1, 0)), options=SolverOptions())
     found = evolve([robot], np.array([0.0, 10.0]))
     assert found.converged.all()
     assert found.steps[0, -1] < 200  # the steps grow as it comes to rest

@@ -29,7 +29,7 @@ from exosight.dataset.simulation import exosuit_of, load_path
 from exosight.evaluation import figures
 from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, assemble, observe
 from exosight.exosuit.shapes import FAMILIES, radius
-from exosight.mechanics import follow, stack
+from exosight.mechanics import drive, stack
 from exosight.system.camera import Camera
 from exosight.vision.scene import picture
 
@@ -142,9 +142,9 @@ class _Motion:
 
 
 def _drive(exosuit: Exosuit, camera: Camera) -> _Motion:
-    u, _ = load_path(frames=50)
+    u, _ = load_path(frames=101)
     robot = assemble(exosuit)
-    found = follow([robot], u[:, None])
+    found = drive([robot], u[:, None])
     pose: Pose = jax.tree.map(lambda leaf: np.asarray(leaf)[0], observe(stack([robot]), found.q))
     return _Motion(exosuit, u, pose, picture(exosuit, pose, camera))
 

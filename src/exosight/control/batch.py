@@ -14,17 +14,13 @@ from exosight.errors import ConvergenceError, InputError
 from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, assemble, observe
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import radius
-from exosight.exosuit.simulation import PATH_STEP
-from exosight.mechanics import JointTorque, Robot, stack, step_batch
+from exosight.mechanics import JointTorque, Robot, State, advance, stack
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.system.camera import Camera
 from exosight.vision.renderer import render
 from exosight.vision.scene import tubes
 
 _EXACT = SolverOptions()
-
-REST_STEP = 0.05
-"""By at most so much a rest angle moves between two poses that are solved [rad]."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +67,6 @@ class BatchPlant:
 
     exosuits  what is simulated; their fingers have one number of links and hinges
     limit     largest |u| that is taken [N]
-    path_step largest step of u between two equilibria that are solved [N]; larger ones are faster, and may
-              snap elsewhere
     options   of the solver
 
     Raises InputError for no exosuits, fingers of several structures or a limit that is not finite and above
@@ -83,32 +77,30 @@ class BatchPlant:
         self,
         exosuits: Sequence[Exosuit],
         limit: float = ACTUATION_LIMIT,
-        path_step: float = PATH_STEP,
         options: SolverOptions = _EXACT,
     ) -> None:
         if not exosuits:
             raise InputError("plants: expected at least one exosuit, got none")
-        for name, value in (("limit", limit), ("path step", path_step)):
-            if not 0 < value < np.inf:
-                raise InputError(f"plant {name}: expected a finite number above 0 N, got {value}")
+        if not 0 < limit < np.inf:
+            raise InputError(f"plant limit: expected a finite number above 0 N, got {limit}")
         counts = {(len(e.finger.lengths), len(e.finger.joint_stiffness)) for e in exosuits}
         if len(counts) > 1:
             raise InputError("plants: expected fingers of one number of links and hinges, got several")
-        self.exosuits, self.limit, self.path_step, self._options = tuple(exosuits), limit, path_step, options
+        self.exosuits, self.limit, self._options = tuple(exosuits), limit, options
         ((_, self._hinges),) = counts
         robots = {exosuit: _movable(exosuit) for exosuit in dict.fromkeys(exosuits)}
         self._own = stack([robots[exosuit] for exosuit in exosuits])
         self._surface = np.stack([radius(e.shape.surface, QUADRATURE.points) for e in exosuits])
         self._finger = np.stack([e.finger.radii for e in exosuits]).astype(float)
         nothing = np.zeros((len(exosuits), 1 + self._hinges))
-        unstrained = np.zeros((len(exosuits), self._own.dofs))
-        rest = step_batch(self._own, unstrained, nothing, nothing, np.ones(len(exosuits), int), options)
-        if not rest.converged.all():
+        unstrained = State(np.zeros((len(exosuits), self._own.dofs)), nothing)
+        rest, found = advance(self._own, unstrained, nothing, options)
+        if not found.converged.all():
             raise ConvergenceError(
-                f"{int((~rest.converged).sum())} of {len(exosuits)} unloaded exosuits have no stable pose; "
+                f"{int((~found.converged).sum())} of {len(exosuits)} unloaded exosuits have no stable pose; "
                 "check their shapes and fingers"
             )
-        self._at_rest, self._q, self._loads = rest.q, rest.q, nothing
+        self._at_rest, self._q, self._loads = np.asarray(rest.q), np.asarray(rest.q), nothing
         self._joints = self.resting
         self.reset()
 
@@ -141,9 +133,9 @@ class BatchPlant:
         return self._look(np.ones(len(self), bool))
 
     def step(self, u: Float[np.ndarray, " plants"], joints: Joints | None = None) -> BatchState:
-        """Change every actuation to its u [N], and perhaps the users' joints, in small steps.
+        """Change every actuation to its u [N], and perhaps the users' joints, infinitely slowly.
 
-        A plant that finds no stable pose at one of these stays in the last one, whose u its state tells.
+        A plant that finds no stable pose on the way stays in the last one, whose u its state tells.
 
         u       (plants,)   [N]
         joints  by default as they are
@@ -153,18 +145,13 @@ class BatchPlant:
         u = np.asarray(u, dtype=float)
         if u.shape != (len(self),) or not (np.abs(u) <= self.limit).all():  # NaN fails here too
             raise InputError(f"actuation u: expected {len(self)} numbers within ±{self.limit:g} N")
-        turn = np.zeros(len(self))
         if joints is not None:
             self._check(joints)
-            turn = np.abs(joints.rest - self._joints.rest).max(axis=1, initial=0.0)
             self._hold(joints)
         end = np.column_stack([u, self._joints.stiffness * self._joints.rest])
-        # The margin keeps round-off in u from adding a step.
-        walked = np.ceil(np.abs(u - self._loads[:, 0]) / self.path_step - 1e-9)
-        steps = np.maximum(1, np.maximum(walked, np.ceil(turn / REST_STEP - 1e-9))).astype(int)
-        reached = step_batch(self._robots, self._q, self._loads, end, steps, self._options)
-        self._q, self._loads = reached.q, reached.loads
-        return self._look(reached.converged)
+        state, found = advance(self._robots, State(self._q, self._loads), end, self._options)
+        self._q, self._loads = np.asarray(state.q), np.asarray(state.loads)
+        return self._look(np.asarray(found.converged))
 
     def pictures(
         self, camera: Camera, which: Int[np.ndarray, " frames"] | None = None

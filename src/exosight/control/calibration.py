@@ -14,7 +14,7 @@ from exosight.control.estimator import Reader, Reading
 from exosight.control.paths import ControllerConfig
 from exosight.errors import ConvergenceError, InputError
 from exosight.exosuit.assembly import Exosuit, assemble, observe
-from exosight.mechanics import follow, stack
+from exosight.mechanics import drive, stack
 from exosight.system.camera import Camera
 from exosight.vision.scene import picture
 
@@ -96,7 +96,7 @@ def calibrate_estimator(
     """
     robot = assemble(exosuit)
     u = np.concatenate([config.loading.u, config.unloading.u[1:]])
-    found = follow([robot], u[:, None])
+    found = drive([robot], u[:, None])
     if not found.converged.all():
         lost = float(u[int(np.argmin(found.converged[0]))])
         raise ConvergenceError(f"no stable pose at u = {lost:g} N; tune with a smaller limit")

@@ -8,25 +8,20 @@ from functools import lru_cache, partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
 
 from exosight.control.plant import ACTUATION_LIMIT, Observation
 from exosight.errors import ConvergenceError, InputError
 from exosight.exosuit.assembly import Exosuit, assemble, observe
-from exosight.exosuit.simulation import PATH_STEP
-from exosight.mechanics import Robot, follow, stack
+from exosight.mechanics import Robot, State, advance, stack
 from exosight.system.camera import Camera
 from exosight.vision.scene import picture
-
-_PIECE = 16  # loads a call: the solver is compiled once for all calls of up to 16
 
 
 @dataclass
 class SimulatedPlant:
     """Quasi-static: at each actuation the exosuit rests in the stable pose that the path so far leads to.
 
-    The way from one actuation to the next is walked in equal steps of at most PATH_STEP. As the exosuit snaps
-    between stable poses, the same u can show different forces on the way up and down (hysteresis); the same
+    As the exosuit snaps between stable poses, the same u can show different forces on the way up and down (hysteresis); the same
     sequence of u always shows the same.
 
     exosuit  what is simulated
@@ -47,10 +42,9 @@ class SimulatedPlant:
     def __post_init__(self) -> None:
         if not 0 < self.limit < math.inf:
             raise InputError(f"plant limit: expected a finite number above 0 N, got {self.limit}")
-        robot = assemble(self.exosuit)
-        self._stacked = stack([robot])
+        self._stacked = stack([assemble(self.exosuit)])
         # A loop that swings between two actuations walks the same two ways for ever: they are remembered.
-        self._walk = lru_cache(maxsize=8)(partial(_walk, robot))
+        self._walk = lru_cache(maxsize=8)(partial(_walk, self._stacked))
 
     def reset(self) -> Observation:
         """Return to u = 0 from the unstrained pose, forgetting the path so far.
@@ -111,25 +105,10 @@ class _Point:
     min_eigenvalue: float
 
 
-def _walk(robot: Robot, start: _Point, u: float) -> tuple[_Point, bool]:
+def _walk(stacked: Robot, start: _Point, u: float) -> tuple[_Point, bool]:
     """The last equilibrium on the way from `start` to u, and whether that is the one at u."""
-    loads = _steps(start.u, u)
-    for first in range(0, len(loads), _PIECE):
-        piece = loads[first : first + _PIECE]
-        path = follow([robot], piece[:, None], q=np.array([start.q]), snaps=False)
-        good = int(np.argmin([*path.converged[0], False]))  # up to the first that does not converge
-        if good:
-            last = good - 1
-            start = _Point(
-                float(piece[last]), tuple(path.q[0, last].tolist()), float(path.min_eigenvalue[0, last])
-            )
-        if good < len(piece):
-            return start, False
-    return start, True
-
-
-def _steps(start: float, end: float) -> Float[np.ndarray, " loads"]:
-    """The loads after `start` up to and with `end`, evenly spaced by at most PATH_STEP."""
-    # The margin keeps round-off in u from adding a step.
-    count = max(1, math.ceil(abs(end - start) / PATH_STEP - 1e-9))
-    return np.linspace(start, end, count + 1)[1:]
+    state = State(np.array([start.q]), np.array([[start.u]]))
+    state, found = advance(stacked, state, np.array([[u]]))
+    reached = float(np.asarray(state.loads)[0, 0])
+    q = tuple(np.asarray(state.q)[0].tolist())
+    return _Point(reached, q, float(found.min_eigenvalue[0])), bool(found.converged[0])

@@ -18,7 +18,7 @@ from exosight.control.plant import ACTUATION_LIMIT
 from exosight.control.scheduled import RELEASED
 from exosight.errors import ConvergenceError, InputError
 from exosight.exosuit.assembly import Exosuit, assemble, observe
-from exosight.mechanics import Equilibria, Robot, follow, stack
+from exosight.mechanics import Equilibria, Robot, State, drive, stack
 
 CONTACT_LIMIT = 0.5
 """Largest force on one contact by default [N]."""
@@ -89,7 +89,8 @@ def tune(
 
 
 def _solve(robot: Robot, u: np.ndarray, q: np.ndarray) -> tuple[ForcePath, Equilibria]:
-    found = follow([robot], u[:, None], q=q[None])
+    start = State(q[None], u[:1, None])
+    found = drive([robot], u[:, None], state=start)
     if not found.converged.all():
         lost = float(u[int(np.argmin(found.converged[0]))])
         raise ConvergenceError(f"no stable pose at u = {lost:g} N; tune with a smaller limit")

@@ -15,14 +15,10 @@ from exosight.dataset.variation import appearance_of, lighting_of, variant_of
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, Pose, assemble, observe, varied
 from exosight.exosuit.scenarios import SampledShape
 from exosight.exosuit.shapes import FAMILIES, ExosuitShape
-from exosight.mechanics import follow, stack
+from exosight.mechanics import drive, stack
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.augment import augment
 from exosight.vision.scene import cover, picture
-
-MAX_STEP = 0.1
-"""Largest step between two equilibria of a path [N]: with half of it 0.2 % of the frames end on another
-branch of the hysteresis, and with any step some do (docs/log.md)."""
 
 
 def simulate_shapes(
@@ -39,7 +35,7 @@ def simulate_shapes(
     loads, keep = load_path(config.frames)
     exosuits = [wear(config, sampled) for sampled in shapes]
     robots = [assemble(exosuit) for exosuit in exosuits]
-    found = follow(robots, loads[:, None], snaps=False, done=done)
+    found = drive(robots, loads[:, None], done=done)
     found = jax.tree.map(lambda leaf: leaf[:, keep], found)
     pose: Pose = jax.tree.map(np.asarray, observe(stack(robots), found.q))
     causes = first_cause(np.asarray(found.converged), pose)
@@ -82,16 +78,15 @@ def exosuit_of(config: GenerateConfig, shape: ExosuitShape) -> Exosuit:
     return Exosuit(shape, young=config.young, contact_stiffness=config.contact_stiffness, gap=config.gap)
 
 
-def load_path(frames: int) -> tuple[Float[np.ndarray, " loads"], slice]:
-    """The loads [N] of 0 → 4 → 0 N in steps of at most 0.1 N, and which of them are frames.
+def load_path(frames: int) -> tuple[Float[np.ndarray, " loads"], Bool[np.ndarray, " loads"]]:
+    """The loads of 0 → 4 → 0 N [N], and which of them are frames: all but, if none is there, the turn at 4 N.
 
-    The frames are spread evenly over the path; the loads in between divide the way from frame to frame into
-    equal steps, so that every frame is an equilibrium of its own and none is interpolated.
+    The frames are spread evenly over the path.
     """
-    substeps = int(np.ceil(2 * MAX_FORCE / (frames - 1) / MAX_STEP - 1e-9))
-    substeps += (frames - 1) * substeps % 2  # the turning point at 4 N is a load too
-    rising = np.linspace(0, MAX_FORCE, (frames - 1) * substeps // 2 + 1)
-    return np.concatenate([rising, rising[-2::-1]]), slice(None, None, substeps)
+    way = np.linspace(0, 2 * MAX_FORCE, frames)
+    way = np.union1d(way, MAX_FORCE) if frames % 2 == 0 else way
+    keep = np.ones(len(way), bool) if frames % 2 else way != MAX_FORCE
+    return np.minimum(way, 2 * MAX_FORCE - way), keep
 
 
 def crosses_itself(line: Float[np.ndarray, "frames points 3"]) -> Bool[np.ndarray, " frames"]:

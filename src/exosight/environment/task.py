@@ -65,8 +65,6 @@ class GripConfig:
     """Largest change of u a second [N/s]."""
     period: Annotated[float, Field(gt=0, le=10)] = 0.1
     """Of a step [s]."""
-    path_step: Annotated[float, Field(ge=0.01, le=1)] = 0.5
-    """Largest step of u between two equilibria that are solved [N]; the simulated plant's own is 0.05 N."""
     camera: Camera = Camera()
     """That the pictures are taken with."""
 
@@ -125,7 +123,7 @@ class Grips:
     def __init__(self, exosuits: Sequence[Exosuit], config: GripConfig) -> None:
         self.config = config
         limit = max(config.u_max, -config.u_min)
-        self._plant = BatchPlant(exosuits, limit, config.path_step, _SOLVER)
+        self._plant = BatchPlant(exosuits, limit, _SOLVER)
         self._targets = np.zeros((len(exosuits), config.steps + 1))
         self._step = np.zeros(len(exosuits), int)
         self._u = np.zeros(len(exosuits))

@@ -23,7 +23,7 @@ from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble_surface, observe
 from exosight.exosuit.shapes import radius, radius_slope
-from exosight.mechanics import Circular, Robot, Rod, differentiable, follow
+from exosight.mechanics import Circular, Robot, Rod, differentiable, drive
 from exosight.mechanics.sensitivity import SNAP
 
 KNOTS = 6
@@ -41,9 +41,6 @@ PARAMETERS = (
 
 NOISE = 0.1
 """Standard deviation of an outline point across the outline [pixels]: what a sharp edge allows."""
-
-STEP = 0.05
-"""Loads are approached from rest in steps of this [N]."""
 
 _ON_LINK = 8  # outline points on a link of the finger, one every 3 to 6 mm
 OUTLINE = 2 * QUADRATURE.size + 1 + HINGES * _ON_LINK + 1
@@ -106,19 +103,16 @@ def sensitivity(exosuit: Exosuit, loads: Float[np.ndarray, " loads"]) -> Sensiti
         raise InputError(f"loads: expected rising numbers from 0 N, got {loads.tolist()}")
     if len(exosuit.finger.joint_stiffness) != HINGES:
         raise InputError(f"finger: expected 3 hinges, got {len(exosuit.finger.joint_stiffness)}")
-    grid = np.arange(STEP, loads[-1], STEP)
-    path = np.union1d(np.round(grid, 9), loads)
     # Assembled outside of compiled code, where bodies are checked as they are made.
     robot = _robot(exosuit, np.zeros(len(PARAMETERS)))
     slopes = jax.jacfwd(lambda p: _robot(exosuit, p))(jnp.zeros(len(PARAMETERS)))
-    found = follow([robot], path[:, None])
-    at = np.searchsorted(path, loads)
-    stable = np.asarray(found.converged[0, at] & (found.min_eigenvalue[0, at] > 10 * SNAP))
+    found = drive([robot], loads[:, None])
+    stable = np.asarray(found.converged[0] & (found.min_eigenvalue[0] > 10 * SNAP))
     forces = np.full((len(loads), 7), np.nan)
     outline = np.full((len(loads), OUTLINE, len(PARAMETERS)), np.nan)
     force = np.full((len(loads), 7, len(PARAMETERS)), np.nan)
     for k in np.flatnonzero(stable):
-        (outline[k], force[k]), forces[k] = _derivatives(robot, slopes, loads[k], found.q[0, at[k]])
+        (outline[k], force[k]), forces[k] = _derivatives(robot, slopes, loads[k], found.q[0, k])
     return Sensitivity(loads, forces, stable, outline, force)
 
 
