@@ -468,7 +468,6 @@ def _next(
     shorter = jnp.where(at_corner, (1 - MARGIN) * corner, shorter)
     s = jnp.where(failed, shorter, jnp.where(narrowed, look.s, state.growth * state.s))
     s = jnp.minimum(s, longest)
-    slower = jnp.where(at_corner, 2 * MARGIN, 1.0)
     cornered = at_corner & (corner <= narrow * speed)
 
     ended = (narrowed & look.found) | (failed & (s < NEGLIGIBLE * scale)) | cornered | verdict.lost
