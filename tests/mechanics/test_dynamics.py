@@ -32,7 +32,6 @@ from exosight.mechanics import (
     Term,
     drive,
     evolve,
-    walk,
 )
 from exosight.mechanics.contact import Spheres
 from exosight.mechanics.equation_of_motion import spatial_inertia

@@ -246,6 +246,7 @@ def test_a_path_starts_where_its_state_is() -> None:
     np.testing.assert_allclose(again.q, there.q, rtol=1e-9)
 
 
+ZERO = np.zeros((1, 1))
 NAN = np.array([[0.0], [np.nan]])
 
 
@@ -255,11 +256,11 @@ NAN = np.array([[0.0], [np.nan]])
         ({"loads": NAN}, "loads: expected finite numbers"),
         ({"loads": np.zeros((0, 1))}, "loads: expected"),
         (
-            {"loads": np.zeros((1, 1)), "state": State(np.full((1, 9), np.nan), np.zeros((1, 1)))},
+            {"loads": ZERO, "state": State(np.full((1, 9), np.nan), ZERO)},
             "q: expected finite numbers",
         ),
         (
-            {"loads": np.zeros((1, 1)), "state": State(np.zeros((1, 8)), np.zeros((1, 1)))},
+            {"loads": ZERO, "state": State(np.zeros((1, 8)), ZERO)},
             r"q: expected finite numbers of shape \(1, 9\)",
         ),
     ],

@@ -21,8 +21,8 @@ from exosight.vision.scene import picture
 class SimulatedPlant:
     """Quasi-static: at each actuation the exosuit rests in the stable pose that the path so far leads to.
 
-    As the exosuit snaps between stable poses, the same u can show different forces on the way up and down (hysteresis); the same
-    sequence of u always shows the same.
+    As the exosuit snaps between stable poses, the same u can show different forces on the way up and down
+    (hysteresis); the same sequence of u always shows the same.
 
     exosuit  what is simulated
     camera   what looks at it

@@ -50,8 +50,8 @@ class Simulation:
 def simulate(exosuit: Exosuit, loads: Sequence[float]) -> Simulation:
     """The equilibria of an exosuit at each load [N], approached from rest.
 
-    Every load is approached from 0 N without turning back, so the answer for one load does not depend on which
-    others are asked for. Loads may be negative (the line pulls) and in any order.
+    Every load is approached from 0 N without turning back, so the answer for one load does not depend on
+    which others are asked for. Loads may be negative (the line pulls) and in any order.
 
     Raises InputError for a load that is not a finite number within ±50 N, or no load at all.
     """

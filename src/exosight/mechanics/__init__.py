@@ -6,8 +6,8 @@ kinematics                   the one walk down the tree: poses, Jacobians, and t
 energy                       what an energy term is, and the terms of rods, joints and weight
 contact, actuation           spheres that press on each other; pressure and cables along a line
 loads, bushing               weight, wrenches, spread forces, torques; springs between frames that close loops
-equilibrium                  stable minima of the energy, followed along a load path
-batched_stepping             many robots a step further at a time, each to loads of its own
+equilibrium                  stable minima of the energy: options and results
+quasistatic                  the driver: states under loads that change infinitely slowly, many robots at a time
 dynamics                     motion in time under the same energies: equation_of_motion, stepped by timestep
 """
 

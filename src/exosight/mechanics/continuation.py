@@ -41,8 +41,8 @@ SNAPPED = 1e-4
 """Smallest change of pose that is reported as a snap, relative to `Metric.range`."""
 
 PUSH = 0.003
-"""First step from the end of a branch, along the tangent there, and first trust radius of the descent; relative
-to `Metric.range`."""
+"""First step from the end of a branch, along the tangent there, and first trust radius of the descent;
+relative to `Metric.range`."""
 
 ROUGH = 1e-7
 """Residual of points on the way, where nobody has asked for the equilibrium."""
@@ -262,9 +262,10 @@ class Verdict(NamedTuple):
     arrived   a stable equilibrium to go on from; `at_load`: at the load that was aimed at; `lost`: given up
     failed    the trial (TO_LOAD, ALONG) is to be taken back
     passed    ALONG: the load aimed at lies before this point
-    unstable  ALONG: the branch has become unstable
-    corner    the point (t in TO_LOAD, s in ALONG) where the two pieces of the branch meet between which Newton's
-              method goes back and forth; otherwise infinite
+    unstable  ALONG: the branch has turned back, so the point is unstable
+    corner    how far from the anchor (in t, or in s if ALONG) the two pieces of the branch meet between
+              which Newton's method goes back and forth; otherwise infinite
+    tangent   dq/dt, or dq/ds if ALONG
     """
 
     arrived: Bool[Array, ""]
@@ -330,7 +331,7 @@ def _judge(
     failed = jnp.where(
         to_load,
         (settled & ~like) | (~settled & stray),
-        along & ((on_branch & ~(alike & (rising | (solved.dt < 0)))) | (~on_branch & drift)),
+        along & jnp.where(on_branch, ~(alike & (rising | (solved.dt < 0))), drift),
     )
     at_load = arrived & (state.t >= 1)
     lost = ~at_load & (state.steps + 1 >= max_iterations)

@@ -37,6 +37,7 @@ class Metric(NamedTuple):
 
     @staticmethod
     def of(robot: Robot) -> "Metric":
+        """That of a robot."""
         matrix = metric_of(robot)
         return Metric(matrix, jnp.linalg.cholesky(matrix), 0.01 * jnp.sqrt(jnp.trace(matrix) / robot.dofs))
 
