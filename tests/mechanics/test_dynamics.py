@@ -179,9 +179,8 @@ def test_errors_are_below_the_tolerance_of_all_steps_at_whatever_times_are_asked
     w = np.sqrt(39)
     expected = 0.5 * np.exp(-time) * (np.cos(w * time) + np.sin(w * time) / w)
     steps = found.steps[0]
-    # Each step may be off by the tolerance, in the angle and, times the step, in the rate: no more than
-    # three steps' rates add up before the damped vibration has turned.
-    assert np.all(np.abs(found.q[0, :, 0] - expected) <= 3 * steps * tolerance + 1e-14)
+    # As if the errors of all steps added up; the damper takes most of them, so six times less is seen.
+    assert np.all(np.abs(found.q[0, :, 0] - expected) <= steps * tolerance + 1e-14)
     assert np.all(np.diff(steps) >= 1)
 
 
