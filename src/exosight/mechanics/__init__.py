@@ -7,7 +7,7 @@ energy                       what an energy term is, and the terms of rods, join
 contact, actuation           spheres that press on each other; pressure and cables along a line
 loads, bushing               weight, wrenches, spread forces, torques; springs between frames that close loops
 equilibrium                  stable minima of the energy: options and results
-quasistatic                  the driver: states under loads that change infinitely slowly, many robots at a time
+quasistatic                  the driver: states under slowly changing loads, many robots at a time
 dynamics                     motion in time under the same energies: equation_of_motion, stepped by timestep
 """
 
