@@ -60,8 +60,8 @@ class Network(nn.Sequential):
 class PaperNetwork(Network):
     """The published network: five 3×3 convolutions without padding, four max-pools, four dense layers.
 
-    128×128 images only. With seven outputs it has 78,847 parameters, which needs batch normalisation after all
-    five convolutions (the paper's text has four, and eight outputs; no such network has its parameter count).
+    128×128 images only. With seven outputs it has 78,847 parameters, which needs batch normalisation after
+    all five convolutions (the paper's text has four, and eight outputs; no such network has its parameter count).
     """
 
     def __init__(self, schema: Schema):
@@ -88,8 +88,8 @@ class LightNetwork(Network):
 
     The first convolution sees 4×4 pixels as 16 channels, so nothing of the picture is lost and nothing is
     computed at its full size; the rest halve it twice and look again (residual blocks) at 16×16 and 8×8.
-    Beside the sensors it answers, for each, how far off it may be and whether there is contact (of forces), and
-    `auxiliary` further numbers that are only learned from, such as joint angles.
+    Beside the sensors it answers, for each, how far off it may be and whether there is contact (of forces),
+    and `auxiliary` further numbers that are only learned from, such as joint angles.
 
     `history` earlier images are further channels, newest first: what moved shows in the first convolution.
     With `actuation`, the commands join where the picture has become features, before they are rectified: they
@@ -195,7 +195,7 @@ def build_network(
 
 
 def answer_slices(outputs: int) -> tuple[slice, slice, slice]:
-    """Places of values, log spread and contact among a network's answers; a paper network has the first only."""
+    """Places of values, log spread and contact among a network's answers; the paper's has the first only."""
     first, second, third = (slice(outputs * i, outputs * (i + 1)) for i in range(3))
     return first, second, third
 
@@ -205,8 +205,8 @@ class Answers(NamedTuple):
 
     values      (batch, outputs)
     log_spread  (batch, outputs) natural logarithm of the error to be expected of each; None if it has none
-    contact     (batch, outputs) log odds that there is contact, of no meaning where the sensor is not a force;
-                None likewise
+    contact     (batch, outputs) log odds that there is contact, of no meaning where the sensor is not a
+                force; None likewise
     auxiliary   (batch, n) what is learned beside
     """
 
@@ -260,10 +260,10 @@ class SensorModel(nn.Module):
     ) -> tuple[
         Float[Tensor, "batch outputs"], Float[Tensor, "batch outputs"], Float[Tensor, "batch outputs"]
     ]:
-        """Values of the sensors, the error to be expected of each [their units], and the probability of contact.
+        """Values of the sensors, the error to be expected of each [their units], and whether there is contact.
 
         A network that has neither of the last two is taken to err by the same everywhere, and to find contact
-        where it finds a force. The probability is 0 for a sensor that is not a force.
+        where it finds a force. The probability of contact is 0 for a sensor that is not a force.
         """
         return self.read(self.network.features(image, commands))
 

@@ -1,4 +1,4 @@
-"""What a network estimates, and what it learns beside that, by the schema of a system; usable without PyTorch."""
+"""What a network estimates, and what it learns beside that, by the schema of its system; without PyTorch."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32
@@ -42,7 +42,7 @@ def auxiliary_values(
 
 
 def command_scale(schema: Schema) -> Float[np.ndarray, " channels"]:
-    """A quarter of each channel's peak [its unit]: about how far a command spreads over a path 0 → peak → 0."""
+    """A quarter of each channel's peak [its unit]: about how far its commands spread over a path."""
     return np.array([abs(channel.peak) / 4 for channel in schema.channels])
 
 

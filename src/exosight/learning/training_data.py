@@ -1,14 +1,17 @@
-"""The frames of a run: what is accepted, their scale, their order, their fingerprint."""
+"""What a network learns from: what is accepted, its scale, its order, its fingerprint."""
 
 import hashlib
-from dataclasses import dataclass, fields
+import json
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float32, Float64, Int64, Integer
+from jaxtyping import Bool, Float32, Float64, Int64, Integer, UInt8
 
 from exosight.errors import InputError
-
-CONTACTS = ("C1", "C2", "C3", "C4", "C5", "C6", "C7")
+from exosight.learning.outputs import nonnegative
+from exosight.system.schema import Schema, schema_to_dict
 
 # A contact that (nearly) never carries load has a standard deviation of (nearly) zero. Dividing by that would
 # make its round-off the loudest part of the loss; taking 1 N instead would let the network answer a contact
@@ -17,81 +20,116 @@ CONTACTS = ("C1", "C2", "C3", "C4", "C5", "C6", "C7")
 _SMALLEST_SCALE = 0.01
 
 
+class FrameBlock(NamedTuple):
+    """Frames that are learned from in one epoch only."""
+
+    images: UInt8[np.ndarray, "frames height width"]
+    labels: Float32[np.ndarray, "frames outputs"]
+    """estimated sensors [their units]"""
+    auxiliary: Float32[np.ndarray, "frames auxiliary"]
+    commands: Float32[np.ndarray, "frames channels"]
+    """[the channels' units]"""
+    previous: Integer[np.ndarray, " frames"]
+    """the frame before each, by its place in the block"""
+
+
+FrameBlocks = Callable[[int], Generator[FrameBlock, None, None]]
+"""From the number of an epoch, counted from 0, its block and those of the epochs after it."""
+
+
 @dataclass(frozen=True)
-class Samples:
+class TrainingData:
     """What a network learns from, and what chooses its best epoch."""
 
+    schema: Schema
+    """names and units of what is estimated, and size of the images: those of its first camera"""
     images: np.ndarray
     """(frames, height, width) uint8 gray values"""
-    forces: np.ndarray
-    """(frames, 7) float32, C1…C7 [N]"""
+    labels: np.ndarray
+    """(frames, outputs) float32, the estimated sensors [their units]"""
     train_index: np.ndarray
     """(n,) frames to learn from"""
     validation_index: np.ndarray
     """(m,) frames to validate on"""
-    auxiliary: np.ndarray
-    """(frames, n) float32, what else a network may learn to tell, in any units; n may be 0"""
-    u: np.ndarray | None = None
-    """(frames,) float32, actuation [N], for a network that is told it"""
+    identity: Mapping[str, str | int | float]
+    """what the frames are (camera, seed, versions …): kept with the network for its whole life"""
+    auxiliary: np.ndarray | None = None
+    """(frames, n) float32, what a light network learns beside, see `learning.outputs`; None: nothing"""
+    auxiliary_units: tuple[str, ...] = ()
+    """of its columns; columns of one unit are scaled alike"""
+    commands: np.ndarray | None = None
+    """(frames, channels) float32 [their units], for a network that has them as an input"""
     previous: np.ndarray | None = None
-    """(frames,) the frame before each, or its own number, for a network that sees earlier images"""
+    """(frames,) the frame before each, or its own number, for a network with earlier images as an input"""
+    online_blocks: FrameBlocks | None = field(default=None, compare=False)
+    """frames simulated anew for each epoch, in place of as many of the others"""
 
 
-def check_samples(samples: Samples) -> None:
+def check_training_data(data: TrainingData) -> None:
     """Refuse frames that cannot be learned from.
 
-    Raises InputError for a wrong type, shape or length, a force that is negative or not finite, an empty
-    part, an index outside the frames, and a frame in both parts.
+    Raises InputError for a wrong type, shape or length, a label that is not finite or a negative force, an
+    empty part, an index outside the frames, and a frame in both parts.
     """
-    images, forces = samples.images, samples.forces
-    indices = {"train_index": (samples.train_index, 2), "validation_index": (samples.validation_index, 1)}
-    if images.ndim != 3 or images.dtype != np.uint8:
-        raise InputError(f"images: expected uint8 (frames, height, width), got {images.dtype} {images.shape}")
-    expected = (len(images), len(CONTACTS))
-    if forces.shape != expected or forces.dtype != np.float32:
+    images, view = data.images, data.schema.cameras[0]
+    if images.ndim != 3 or images.dtype != np.uint8 or images.shape[1:] != (view.height, view.width):
         raise InputError(
-            f"forces: expected float32 {expected}, one row of C1…C7 in newtons an image, "
-            f"got {forces.dtype} {forces.shape}"
+            f"images: expected uint8 (frames, {view.height}, {view.width}), got {images.dtype} {images.shape}"
         )
-    bad = np.flatnonzero(~np.isfinite(forces).all(axis=1) | (forces < 0).any(axis=1))
-    if bad.size:
-        raise InputError(
-            f"forces: expected finite magnitudes of at least 0 N, got {forces[bad[0]].tolist()} in frame "
-            f"{bad[0]} ({bad.size} such frames); drop frames that did not converge"
-        )
-    extra = samples.auxiliary
-    if extra.ndim != 2 or len(extra) != len(images) or extra.dtype != np.float32:
-        raise InputError(
-            f"auxiliary: expected float32 ({len(images)}, n), one row an image, "
-            f"got {extra.dtype} {extra.shape}"
-        )
-    if not np.isfinite(extra).all():
-        raise InputError("auxiliary: expected finite numbers, got NaN or infinity among them")
-    if samples.u is not None and not (
-        samples.u.shape == (len(images),) and samples.u.dtype == np.float32 and np.isfinite(samples.u).all()
-    ):
-        raise InputError(
-            f"u: expected {len(images)} finite float32 newtons, one an image, "
-            f"got {samples.u.dtype} {samples.u.shape}"
-        )
-    if samples.previous is not None:
-        if samples.previous.shape != (len(images),):
+    count = len(images)
+    _check_labels(data, count)
+    _check_rows("auxiliary", data.auxiliary, (count, len(data.auxiliary_units)))
+    _check_rows("commands", data.commands, (count, len(data.schema.channels)))
+    indices = {"train_index": (data.train_index, 2), "validation_index": (data.validation_index, 1)}
+    if data.previous is not None:
+        if data.previous.shape != (count,):
             raise InputError(
-                f"previous: expected {len(images)} frame numbers, one an image, got {samples.previous.shape}"
+                f"previous: expected {count} frame numbers, one an image, got {data.previous.shape}"
             )
-        indices["previous"] = (samples.previous, 1)
+        indices["previous"] = (data.previous, 1)
     for name, (index, least) in indices.items():
         if index.ndim != 1 or not np.issubdtype(index.dtype, np.integer):
             raise InputError(f"{name}: expected a list of integers, got {index.dtype} {index.shape}")
         if len(index) < least:
-            raise InputError(f"{name}: expected at least {least} frames, got {len(index)}; use more shapes")
-        if index.min() < 0 or index.max() >= len(images):
+            raise InputError(f"{name}: expected at least {least} frames, got {len(index)}; use more designs")
+        if index.min() < 0 or index.max() >= count:
             raise InputError(
-                f"{name}: expected frame numbers from 0 to {len(images) - 1}, got {index.min()}…{index.max()}"
+                f"{name}: expected frame numbers from 0 to {count - 1}, got {index.min()}…{index.max()}"
             )
-    shared = np.intersect1d(samples.train_index, samples.validation_index).size
+    shared = np.intersect1d(data.train_index, data.validation_index).size
     if shared:
         raise InputError(f"train_index and validation_index share {shared} frames; split them apart")
+
+
+def _check_labels(data: TrainingData, count: int) -> None:
+    labels, names = data.labels, data.schema.outputs
+    if not names:
+        raise InputError(
+            f"system {data.schema.system}: expected at least one sensor to estimate, got none; "
+            "add estimated = true to a sensor"
+        )
+    if labels.shape != (count, len(names)) or labels.dtype != np.float32:
+        raise InputError(
+            f"labels: expected float32 {(count, len(names))}, one row of {', '.join(names)} an image, "
+            f"got {labels.dtype} {labels.shape}"
+        )
+    wrong = ~np.isfinite(labels) | ((labels < 0) & nonnegative(data.schema))
+    if wrong.any():
+        frame, output = np.argwhere(wrong)[0]
+        raise InputError(
+            f"labels: expected finite numbers, and forces of at least 0, got {labels[frame, output]:g} for "
+            f"{names[output]} in frame {frame} ({wrong.any(axis=1).sum()} such frames); drop frames that did "
+            "not converge"
+        )
+
+
+def _check_rows(name: str, values: np.ndarray | None, shape: tuple[int, int]) -> None:
+    if values is not None and not (
+        values.shape == shape and values.dtype == np.float32 and np.isfinite(values).all()
+    ):
+        raise InputError(
+            f"{name}: expected finite float32 {shape}, one row an image, got {values.dtype} {values.shape}"
+        )
 
 
 def stacks(
@@ -108,12 +146,14 @@ def stacks(
     return np.stack(rows, axis=1)
 
 
-def scale_of(values: Float32[np.ndarray, "frames n"]) -> Float64[np.ndarray, " n"]:
-    """Standard deviation of each column, at least a hundredth of the largest; 1 if nothing varies."""
+def scale_of(values: Float32[np.ndarray, "frames n"], units: Sequence[str]) -> Float64[np.ndarray, " n"]:
+    """Standard deviation of each column, at least 1/100 of the largest of its unit; 1 if none varies."""
     deviation = values.std(axis=0, dtype=np.float64)
-    if not deviation.any():
-        return np.ones_like(deviation)
-    return np.maximum(deviation, _SMALLEST_SCALE * deviation.max())
+    for unit in set(units):
+        alike = np.array([other == unit for other in units])
+        largest = deviation[alike].max()
+        deviation[alike] = np.maximum(deviation[alike], _SMALLEST_SCALE * largest) if largest else 1.0
+    return deviation
 
 
 def epoch_batches(
@@ -128,16 +168,21 @@ def epoch_batches(
 
 
 def balanced(
-    index: Integer[np.ndarray, " n"], forces: Float32[np.ndarray, "frames 7"], seed: int, epoch: int
+    index: Integer[np.ndarray, " n"],
+    loaded: Bool[np.ndarray, "frames forces"],
+    seed: int,
+    epoch: int,
 ) -> Int64[np.ndarray, " n"]:
     """As many frames, those that load a rarely loaded contact more often and the others less.
 
     A frame comes as often as one over the share of frames that load the rarest of its contacts, so that each
     contact has its turn; below a share of 1/50 no more often than that.
+
+    loaded   whether each force is above 0
     """
-    loaded = forces[index] > 0
+    loaded = loaded[index]
     share = np.maximum(loaded.mean(axis=0), 1 / 50)
-    weight = np.where(loaded, 1 / share, 1.0).max(axis=1)
+    weight = np.where(loaded, 1 / share, 1.0).max(axis=1, initial=1.0)
     # Each frame the number of times that its weight comes to, rounded up or down by one draw for all.
     random = np.random.default_rng([seed, epoch, 2])
     order = random.permutation(len(index))
@@ -146,10 +191,13 @@ def balanced(
     return index[order[np.searchsorted(ends, np.arange(len(index)) + random.random(), side="right")]]
 
 
-def fingerprint(samples: Samples) -> str:
-    """SHA-256 over types, shapes and contents: tells a resumed run whether the data are the same."""
-    digest = hashlib.sha256()
-    for array in (getattr(samples, field.name) for field in fields(samples)):
+def fingerprint(data: TrainingData) -> str:
+    """SHA-256 over schema, types, shapes and contents: shows a resumed run whether the data are the same."""
+    digest = hashlib.sha256(json.dumps(schema_to_dict(data.schema), sort_keys=True).encode())
+    for array in (
+        *(data.images, data.labels, data.train_index, data.validation_index),
+        *(data.auxiliary, data.commands, data.previous),
+    ):
         if array is None:
             continue
         digest.update(f"{array.dtype.str}{array.shape}".encode())
