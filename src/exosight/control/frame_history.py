@@ -1,4 +1,4 @@
-"""What a network is shown beside the next image of a loop: earlier ones and commands."""
+"""Inputs of a network beside the next image of a loop: earlier images and the commands."""
 
 from collections import deque
 
@@ -7,17 +7,17 @@ from jaxtyping import Float, UInt8
 
 from exosight.errors import InputError
 from exosight.learning.model_file import ModelCard
-from exosight.learning.model_inputs import HISTORY_SPACING, ModelInputs
+from exosight.learning.model_inputs import HISTORY_SPACING, ModelInputs, command_change
 
 
 class FrameHistory:
-    """Keeps the last images of a loop, for a network that sees them beside the newest.
+    """Keeps the last images of a loop, for a network that has them as inputs beside the newest.
 
-    A plant is quasi-static: what it did follows from its commands, not from time. So images are remembered as far
-    apart in their commands as those that the network was trained on, however long it rests between them, and it
-    begins anew where all commands are 0 and the plant is at rest.
+    The system is quasi-static: what it did follows from the commands, not from time. So images are kept as far
+    apart in the commands as those that the network learned from, however long it rests between them, and the
+    history begins anew without commands, where the system is at rest.
 
-    card   of the network: what it asks for
+    card   of the network: its inputs
 
     Raises InputError if the card asks for earlier images and does not tell how far apart.
     """
@@ -39,13 +39,15 @@ class FrameHistory:
     def inputs(
         self, image: UInt8[np.ndarray, "height width"], commands: Float[np.ndarray, " channels"]
     ) -> ModelInputs:
-        """What the network asks for beside this image, which is remembered.
+        """The network's inputs beside this image, which is remembered.
 
-        commands   (channels,)  under which it was taken [each in its channel's unit]
+        commands   under which it was taken [the channels' units]
         """
+        commands = np.array(commands, float)
         if not commands.any():
             self._seen.clear()
-        if not self._seen or np.abs(commands - self._seen[0][0]).max() > self._apart:
+        schema = self._card.schema
+        if not self._seen or command_change(schema, self._seen[0][0], commands) > self._apart:
             self._seen.appendleft((commands, image))
         images = [image, *(seen for _, seen in list(self._seen)[1:])]
         images += [images[-1]] * (self._card.history + 1 - len(images))
