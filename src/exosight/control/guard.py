@@ -261,7 +261,8 @@ class Guarded:
             if outputs is not None and (outputs > guard.overload * limits).any():
                 worst = int((outputs / limits).argmax())
                 spec = self.config.schema.estimated[worst]
-                return self._go(State.RELEASE, f"{spec.name} reads {outputs[worst]:.2f} {spec.unit}")
+                verb = "presses with" if spec.quantity == "contact force" else "reads"
+                return self._go(State.RELEASE, f"{spec.name} {verb} {outputs[worst]:.2f} {spec.unit}")
             if fault and releasing and not at_rest:
                 return self._go(State.RELEASE, f"{fault}, and a target of 0 {self.config.controlled.unit}")
         if state in (State.NORMAL, State.SLOW):

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 from exosight.control.estimator import Estimator, OnnxEstimator
 from exosight.control.frame_history import FrameHistory
 from exosight.control.laws import Law
-from exosight.control.plant import Observation, Plant, channel_index, check_network
+from exosight.control.plant import Observation, Plant, channel_index
 from exosight.errors import InputError
 from exosight.system.schema import Schema
 
@@ -35,7 +35,7 @@ def from_image(estimator: Estimator, schema: Schema, sensor: str | None = None) 
     weights = schema.weights(sensor or schema.controlled).astype(np.float32)
     if not isinstance(estimator, OnnxEstimator):
         return lambda observation: float((estimator.estimate(observation.image[None])[0] * weights).sum())
-    check_network(estimator.card, schema)
+    estimator.card.check_fits(schema, "plant")
     history = FrameHistory(estimator.card)
 
     def measure(observation: Observation) -> float:

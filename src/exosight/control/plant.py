@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import InputError
-from exosight.learning.model_file import ModelCard
-from exosight.system.schema import Channel, Schema, difference
+from exosight.system.schema import Channel, Schema
 
 
 @dataclass(frozen=True)
@@ -91,16 +90,3 @@ def check_commands(
                 f"{channel.unit}, got {wrong.flat[0]:g}"
             )
     return values
-
-
-def check_network(card: ModelCard, schema: Schema) -> None:
-    """Refuse a network for a plant whose channels, sensors or cameras are others than those it was made for.
-
-    Raises InputError with one sentence that says how they differ.
-    """
-    found = difference(card.schema, schema)
-    if found:
-        raise InputError(
-            f"model: it was trained on the system {card.schema.system}, this one is {schema.system}: {found}; "
-            "choose a network that was trained on this system"
-        )
