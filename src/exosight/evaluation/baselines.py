@@ -26,7 +26,7 @@ def evaluate_baselines(frames: Frames, split: Split, manifest: Manifest) -> dict
     """Score baselines on the test part, each made from the training part alone.
 
     mean of training   the mean training labels, always
-    u only             of one channel u: the mean training labels at this command, interpolated between bins of
+    u only             of one channel u: the mean training labels at this command, interpolated in bins of
                        a 40th of its peak; it knows whether the command rises or falls, which no single image
                        shows. Of several ("commands only"): the mean of the four training frames whose
                        commands are nearest

@@ -18,7 +18,6 @@ from exosight.system.schema import Schema
 from exosight.system.system import System
 from exosight.system.units import split_quantity
 
-
 Filter = Callable[[Observation], Bool[np.ndarray, "*batch"]]
 """Which states of an observation a dataset leaves out."""
 
