@@ -108,7 +108,7 @@ def concatenate(parts: Sequence[Frames]) -> Frames:
 def previous(frames: Frames) -> Int64[np.ndarray, " frames"]:
     """The place of the frame before each on the path of its design.
 
-    Without commands, and where a path begins, it is the frame's own: the system was at rest before it was driven.
+    Without commands, and where a path begins, it is the frame's own: the system was at rest before.
     """
     here, before = slice(1, None), slice(None, -1)
     follows = (frames.design[here] == frames.design[before]) & (frames.step[here] > frames.step[before])
