@@ -27,8 +27,8 @@ def resolved(config: GenerateConfig) -> tuple[GenerateConfig, Values | None]:
 
     Both together make the dataset again anywhere.
 
-    Raises InputError for a system that is not known, options that are not the system's, or a file that describes
-    no system; DataError for a file that cannot be read.
+    Raises InputError for a system that is not known, options that are not the system's, or a file that
+    describes no system; DataError for a file that cannot be read.
     """
     found = find_system(config.system)
     description = found.values if isinstance(found, FileDesigns) else None
@@ -55,7 +55,7 @@ def design_set(config: GenerateConfig, description: Values | None) -> DesignSet:
     for option in PUBLISHED_ONLY:
         if getattr(config, option) != getattr(_NOMINAL, option):
             raise InputError(
-                f"{option}: is an option of the published system; write it in {config.system}, or leave it out"
+                f"{option}: an option of the published system alone; leave it out, and say it in {config.system}"
             )
     return FileDesigns(description)
 

@@ -129,8 +129,8 @@ def _write_folder(
         progress(number + 1, len(frames))
     columns: dict[str, Any] = {
         "image": names,
-        **_named(manifest.schema.channels, frames.commands),
-        **_named(manifest.schema.sensors, frames.sensors),
+        **_named("command", manifest.schema.channels, frames.commands),
+        **_named("sensor", manifest.schema.sensors, frames.sensors),
         "design": frames.design,
         "family": [manifest.families[i] for i in frames.family],
         "scenario": [manifest.scenarios[i] for i in frames.scenario],
@@ -143,10 +143,13 @@ def _write_folder(
     (out / MANIFEST).write_text(text, encoding="utf-8")
 
 
-def _named(entries: Sequence[Channel] | Sequence[SensorSpec], values: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns by name and unit, such as F_net_N; a unit keeps its letters and digits alone."""
+def _named(
+    kind: str, entries: Sequence[Channel] | Sequence[SensorSpec], values: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Columns by kind, name and unit, such as sensor_F_net_N; a unit keeps its letters and digits alone."""
     units = ["".join(c for c in entry.unit if c.isalnum()) for entry in entries]
-    return {f"{e.name}_{unit}": column for e, unit, column in zip(entries, units, values.T, strict=True)}
+    names = ["_".join(filter(None, (kind, e.name, unit))) for e, unit in zip(entries, units, strict=True)]
+    return dict(zip(names, values.T, strict=True))
 
 
 def _write_rows(file: Any, columns: dict[str, Any], rows: int) -> None:

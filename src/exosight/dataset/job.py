@@ -129,7 +129,7 @@ def finished(folder: Path, job: GenerationJob, number: int, designs: range) -> C
 
 
 def stored_description(folder: Path, system: str) -> dict[str, JsonValue] | None:
-    """The entries of the system file that a folder's job was begun with, or None if it was begun with another."""
+    """The entries of the system file that a folder's job was begun with; None if with another, or none."""
     try:
         if (folder / JOB).stat().st_size > LARGEST_JOB:
             return None
@@ -181,8 +181,8 @@ def _check_same(path: Path, job: GenerationJob) -> None:
         if found.get(key) != wanted[key]:
             raise InputError(
                 f"{path.parent}: begun by exosight {found['exosight_version']!s:.20} with format "
-                f"{found.get('format')!s:.20}, this is {__version__} with format {FORMAT}; go on with that version, "
-                "or name a new folder"
+                f"{found.get('format')!s:.20}, this is {__version__} with format {FORMAT}; go on with that "
+                "version, or name a new folder"
             )
     difference = _difference(found, wanted)
     if difference:

@@ -1,7 +1,7 @@
 """The commands that a design of a dataset is driven by, from rest and back to rest.
 
-One channel goes evenly to its peak and back. Several go in straight pieces between waypoints, each drawn evenly
-over the ranges of all channels by the dataset's seed and the design's number.
+One channel goes evenly to its peak and back. Several go in straight pieces between waypoints, each drawn
+evenly over the ranges of all channels by the dataset's seed and the design's number.
 """
 
 from dataclasses import dataclass
@@ -16,8 +16,8 @@ WAYPOINTS = 4
 
 MAX_STEP = 1 / 40
 """Largest step between two equilibria of a path, as a share of the way from rest to its far end (of several
-channels: of their ranges): with half of it 0.2 % of the frames of the published dataset end on another branch of
-the hysteresis, and with any step some do (docs/log.md)."""
+channels: of their ranges): with half of it 0.2 % of the frames of the published dataset end on another branch
+of the hysteresis, and with any step some do (docs/log.md)."""
 
 _STREAM = 0x70617468
 """Spawn key of the waypoints, apart from those of what varies."""
@@ -27,8 +27,8 @@ _STREAM = 0x70617468
 class LoadPath:
     """Commands to solve in order, and which of them are frames.
 
-    The frames are spread evenly over the path; the commands in between divide the way from frame to frame into
-    equal steps, so that every frame is an equilibrium of its own and none is interpolated.
+    The frames are spread evenly over the path; the commands in between divide the way from frame to frame
+    into equal steps, so that every frame is an equilibrium of its own and none is interpolated.
     """
 
     commands: Float[np.ndarray, "points channels"]

@@ -69,8 +69,8 @@ def stream(
     description    entries of the system file, as the dataset's manifest holds them; None for a preset
     exclude        designs that never come up, whatever their numbers: those of the datasets used for judging
     start          number of the first block; block k depends on config, `exclude` and k alone
-    returns        an iterator of Frames; `design` counts through the whole stream, and the designs of one block
-                   are distinct
+    returns        an iterator of Frames; `design` counts through the whole stream, and the designs of one
+                   block are distinct
 
     One block waits while the next is simulated. Leaving the `with` ends the process.
     Raises DataError, from the iterator, if the simulation fails or its process is killed.

@@ -47,8 +47,8 @@ def variation_columns(
 ) -> Columns:
     """All that was drawn for frames of a dataset, by name: none of what does not vary.
 
-    Names are `plant.` and a name of `DesignSet.numbers`, `lighting.` and a field of `Lighting` (of a shade, the
-    tube's name and `_shade`), `appearance.` and a column of `Appearance`.
+    Names are `plant.` and a name of `DesignSet.numbers`, `lighting.` and a field of `Lighting` (of a shade,
+    the tube's name and `_shade`), `appearance.` and a column of `Appearance`.
     """
     numbers = frame_numbers(config, frames)
     drawn = {design.number: designs.numbers(design) for design in chosen}

@@ -32,14 +32,16 @@ EXOSUIT_SHADE = 0.35
 """Dark gray: the body whose bending carries most of the information stands out most."""
 CHANNEL = Channel("u", "N", -COMMAND_LIMIT, COMMAND_LIMIT, drive=MAX_FORCE)
 NOMINAL_CAMERA = Camera()
+NOMINAL = Exosuit()
+NO_VARIATION = PlantVariation()
 
 
 def published(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINAL_CAMERA) -> System:
     """The paper's system of one exosuit.
 
-    Rod `exosuit` and links `finger_0` … ; 42 spheres on the rod against two on each link; one pressure line on the
-    surface away from the finger. Sensors: C0 …, the contact force on each finger sphere, of which all but C0 are
-    estimated; F_net, their sum; angle_1 …, the flexion of the hinges.
+    Rod `exosuit` and links `finger_0` … ; 42 spheres on the rod against two on each link; one pressure line
+    on the surface away from the finger. Sensors: C0 …, the contact force on each finger sphere, of which all
+    but C0 are estimated; F_net, their sum; angle_1 …, the flexion of the hinges.
     """
     worn = exosuit if isinstance(exosuit, Exosuit) else Exosuit(exosuit)
     robot = assemble(worn)
@@ -94,7 +96,7 @@ FILTERS: dict[str, Filter] = {"tip_below_finger": tip_below_finger}
 class PublishedDesigns:
     """The eleven published scenarios of exosuit shapes, with what may vary in finger, material and mount.
 
-    nominal     what every design shares: finger, modulus, contact stiffness, gap, mount; its shape is not used
+    nominal     what every design shares: finger, modulus, contact stiffness, gap, mount; not its shape
     variation   how designs differ besides their shapes
     camera      of every image
     """
@@ -106,19 +108,23 @@ class PublishedDesigns:
 
     def __init__(
         self,
-        nominal: Exosuit = Exosuit(),
-        variation: PlantVariation = PlantVariation(),
+        nominal: Exosuit = NOMINAL,
+        variation: PlantVariation = NO_VARIATION,
         camera: Camera = NOMINAL_CAMERA,
     ) -> None:
         self.nominal, self.variation, self.camera = nominal, variation, camera
 
-    @cached_property
+    @property
     def schema(self) -> Schema:
-        """That of the Table I exosuit; all have the same."""
+        """That of the nominal exosuit; all have the same."""
+        return self._schema
+
+    @cached_property
+    def _schema(self) -> Schema:
         return published(self.nominal, self.camera).schema
 
     def draw(self, per_scenario: int, seed: int) -> tuple[Design, ...]:
-        """Distinct shapes of each scenario, see `sample_shapes`; what else varies depends on seed and number."""
+        """Distinct shapes of each scenario, see `sample_shapes`; the rest depends on seed and number."""
         return tuple(self._design(sampled, seed) for sampled in sample_shapes(per_scenario, seed))
 
     def exosuit(self, design: Design) -> Exosuit:

@@ -1,4 +1,4 @@
-"""How far finished pictures may differ; `exosight.vision.augment` draws what becomes of each, and makes it so."""
+"""How far finished pictures may differ; `exosight.vision.augment` draws and makes what becomes of each."""
 
 from typing import Annotated
 

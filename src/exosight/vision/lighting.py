@@ -18,8 +18,8 @@ Shade = Annotated[float, Field(ge=0.0, le=0.85)]  # darker than the background, 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 _LAMP_AND_AMBIENT = 2
-"""Place of their three draws among those of the shades: a third tube's comes after them, so that what a frame of
-one or two tubes draws does not depend on how many there are."""
+"""Place of their three draws among those of the shades: a third tube's comes after them, so that what a frame
+of one or two tubes draws does not depend on how many there are."""
 
 
 @dataclass(frozen=True, config=CONFIG)

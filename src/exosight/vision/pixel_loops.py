@@ -12,6 +12,7 @@ from exosight.vision.renderer import BACKGROUND
 @compiled
 @no_type_check
 def edges(picture, darkest, lightest, opened, shade, cover):
+    """How much of each pixel bodies no lighter than a shade cover, see `exosight.vision.augment.coverage`."""
     for i in range(picture.shape[0]):
         for j in range(picture.shape[1]):
             gap = picture[i, j] > 255.0 * shade + 5.0 and picture[i, j] > opened[i, j] + 30.0

@@ -12,7 +12,7 @@ from exosight.vision.lighting import Lighting
 from exosight.vision.renderer import BACKGROUND, Tube, render
 
 Axes = Mapping[str, Float[AnyArray, "frames nodes 3"]]
-"""The axis of every tube in each frame, by its name, as `exosight.system.observation.observe` gives it [m]."""
+"""The axis of every tube in each frame, by its name, as `exosight.system.observation` gives it [m]."""
 
 
 def tubes(

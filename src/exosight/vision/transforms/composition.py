@@ -22,8 +22,8 @@ class View:
         "shift_y": 0.0,  # downwards, as a share of the height
         "roll": 0.0,  # clockwise turn about the picture's middle [rad]
         "zoom": 1.0,  # enlargement [-]
-        "tilt_x": 0.0,  # turn of the scene about the horizontal axis [rad]; positive takes its lower half away
-        "tilt_y": 0.0,  # turn about its vertical axis [rad]; positive takes its right half away
+        "tilt_x": 0.0,  # turn about the scene's horizontal axis [rad]; positive takes its lower half away
+        "tilt_y": 0.0,  # about its vertical axis [rad]; positive takes its right half away
         "distortion": 0.0,  # radial, at a corner, as a share of its distance; positive is a pincushion
     }
     switches: ClassVar = ("shift_x", "shift_y", "roll", "zoom", "tilt_x", "tilt_y", "distortion")
