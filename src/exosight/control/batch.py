@@ -4,12 +4,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from exosight.control.plant import check_commands
-from exosight.control.views import picture
 from exosight.errors import ConvergenceError, InputError
 from exosight.mechanics import JointTorque, Link, Robot, step_batch
 from exosight.mechanics.equilibrium import SolverOptions
@@ -17,6 +17,8 @@ from exosight.system.camera import Camera
 from exosight.system.observation import observe
 from exosight.system.schema import Schema, difference
 from exosight.system.system import System, stack_systems
+from exosight.vision.renderer import render
+from exosight.vision.scene import tubes
 
 _EXACT = SolverOptions()
 
@@ -196,8 +198,8 @@ class BatchPlant:
         """
         chosen = np.arange(len(self)) if which is None else which
         axes = {name: axis[chosen] for name, axis in self._state.axes.items()}
-        radii = {tube.name: np.asarray(tube.radius)[chosen] for tube in self._stacked.tubes}
-        return picture(self.systems[0], axes, camera, radii)
+        own = jax.tree.map(lambda leaf: leaf[chosen], self._stacked)
+        return render(tubes(own, axes), camera or self.systems[0].camera())
 
     def _look(self, converged: Bool[np.ndarray, " plants"]) -> BatchState:
         seen = observe(self._stacked, jnp.asarray(self._q[:, None]))

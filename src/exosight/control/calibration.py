@@ -11,12 +11,12 @@ from jaxtyping import Bool, Float, Float32
 
 from exosight.control.estimator import Reader, Reading
 from exosight.control.paths import ControllerConfig
-from exosight.control.views import picture
 from exosight.errors import ConvergenceError, InputError
 from exosight.mechanics import follow
 from exosight.system.observation import observe
 from exosight.system.schema import difference
 from exosight.system.system import System, stack_systems
+from exosight.vision.scene import picture
 
 _NEAR = 0.03
 """How far [N] from the path an estimate may lie, over all outputs, to be corrected by more than 61 %."""
@@ -105,7 +105,7 @@ def calibrate_estimator(estimator: Reader, system: System, config: ControllerCon
             f"no stable pose at {config.channel} = {lost:g} {config.driven.unit}; give the channel a smaller range"
         )
     seen = observe(stack_systems([system]), path.q)
-    images = picture(system, {name: np.asarray(axis[0]) for name, axis in seen.axes.items()})
+    images = picture(system, {name: axis[0] for name, axis in seen.axes.items()})
     return Calibrated(
         estimator,
         estimated=estimator.read(images).forces.astype(float),

@@ -11,7 +11,7 @@ from exosight.control.frame_history import FrameHistory
 from exosight.control.laws import Law
 from exosight.control.plant import Observation, Plant, channel_index
 from exosight.errors import InputError
-from exosight.system.schema import Schema
+from exosight.system.schema import Channel, Schema, SensorSpec
 
 RATE = 10.0
 """Steps of the loop a second [Hz]; not printed in the paper."""
@@ -85,6 +85,16 @@ class Record:
     images: UInt8[np.ndarray, "steps height width"]
     q: Float[np.ndarray, "steps dofs"]
     converged: Bool[np.ndarray, " steps"]
+
+    @property
+    def controlled(self) -> SensorSpec:
+        """The sensor that follows the target."""
+        return self.schema.sensor(self.sensor)
+
+    @property
+    def driven(self) -> Channel:
+        """The channel that was actuated."""
+        return self.schema.channels[channel_index(self.schema, self.channel)]
 
     @property
     def error(self) -> Float[np.ndarray, " steps"]:

@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.control.plant import Observation, check_commands
-from exosight.control.views import picture
 from exosight.errors import ConvergenceError
 from exosight.mechanics import Robot, follow
 from exosight.system.observation import observe
 from exosight.system.schema import Schema
 from exosight.system.system import System, stack_systems
+from exosight.vision.scene import picture
 
 _PIECE = 16  # loads a call: the solver is compiled once for all calls of up to 16
 
@@ -84,7 +84,7 @@ class SimulatedPlant:
         return Observation(
             schema=self.schema,
             commands=np.array(point.commands),
-            image=picture(self.system, {name: np.asarray(axis[0]) for name, axis in seen.axes.items()})[0],
+            image=picture(self.system, {name: axis[0] for name, axis in seen.axes.items()})[0],
             readings=np.asarray(seen.readings[0, 0], dtype=float),
             q=q,
             converged=self._converged,

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from exosight.control.laws import Law, Proportional
 from exosight.control.loop import RATE, Measure, Record, hold, hold_and_release, run
-from exosight.control.plant import Plant, channel_index
+from exosight.control.plant import Plant
 from exosight.control.responses import Response, judge_response
 from exosight.exosuit.shapes import ExosuitShape, Linear
 
@@ -66,8 +66,7 @@ def try_law(
     target   (steps,)  one value above 0, perhaps released, as `judge_response` takes it
     """
     record = run(plant, law, measure, target, sensor, channel)
-    driven = record.schema.channels[channel_index(record.schema, channel)]
-    response = judge_response(record.time, record.target, record.true, record.command, driven)
+    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
     return Trial(law.gain if isinstance(law, Proportional) else None, record, response)
 
 
