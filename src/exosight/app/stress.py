@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
 from exosight.app.console import progress, to_json
-from exosight.app.pipeline import camera_of
+from exosight.app.nominal import camera_for
 from exosight.control import ControllerConfig, Guarded, OnnxEstimator, Proportional, Scheduled
 from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import draw_episode
@@ -50,9 +50,10 @@ def prepare(
     if model is None:
         return stress_plants(designs, None, sensor, channel), true_sensor
     estimator = OnnxEstimator.load(model, threads=2, alone=True)
-    estimator.card.check_fits(designs.schema, "system")
-    camera = camera_of(estimator.card) if isinstance(designs, PublishedDesigns) else None
-    return stress_plants(designs, camera, sensor, channel), camera_sensor(estimator)
+    camera = camera_for(designs, estimator) if isinstance(designs, PublishedDesigns) else None
+    plants = stress_plants(designs, camera, sensor, channel)
+    estimator.card.check_fits(plants.nominal.schema, "system")
+    return plants, camera_sensor(estimator)
 
 
 def run_stress(

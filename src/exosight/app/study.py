@@ -22,6 +22,7 @@ from exosight.dataset.manifest import MANIFEST
 from exosight.dataset.simulation import exosuit_of
 from exosight.errors import DataError, InputError
 from exosight.evaluation import evaluate_robustness
+from exosight.exosuit.published import published
 from exosight.files import write_new_file
 from exosight.learning.config import resolve
 from exosight.learning.history import EpochRecord
@@ -150,7 +151,8 @@ def _closed_loops(
 def _closed_loop(config: StudyConfig, estimator: OnnxEstimator, model: str, folder: Path) -> ControllerStudy:
     camera = camera_of(estimator.card)
     exosuit = exosuit_of(config.data, CONTROL_SHAPE)
-    trials = run_trials(exosuit, camera, from_image(estimator))
+    system = published(exosuit, camera)
+    trials = run_trials(system, from_image(estimator, system.schema))
     if not folder.exists():
         with new_folder(folder) as place:
             write_trials(trials, model, camera, place)
