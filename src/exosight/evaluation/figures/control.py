@@ -1,4 +1,4 @@
-"""The closed loop: target, sensor true and estimated, command."""
+"""The closed loop: target, true and estimated reading of the sensor, and command of the channel."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol, runtime_checkable
@@ -19,7 +19,7 @@ from exosight.evaluation.figures.style import (
     new_figure,
     styled,
 )
-from exosight.system.schema import Channel, SensorSpec
+from exosight.system.schema import Channel, Schema
 
 _COLORS = (BLUE, VERMILION, GREEN)
 
@@ -27,6 +27,21 @@ _COLORS = (BLUE, VERMILION, GREEN)
 @runtime_checkable
 class ControlTrace(Protocol):
     """One run of the loop, a number a step."""
+
+    @property
+    def schema(self) -> Schema:
+        """Of the plant."""
+        ...
+
+    @property
+    def sensor(self) -> str:
+        """Name of the sensor that follows the target."""
+        ...
+
+    @property
+    def channel(self) -> str:
+        """Name of the channel that is driven."""
+        ...
 
     @property
     def time(self) -> Float[np.ndarray, " steps"]:
@@ -40,27 +55,17 @@ class ControlTrace(Protocol):
 
     @property
     def true(self) -> Float[np.ndarray, " steps"]:
-        """The sensor in the simulation [its unit]."""
+        """Of the simulation [the sensor's unit]."""
         ...
 
     @property
     def estimated(self) -> Float[np.ndarray, " steps"]:
-        """The sensor from the image [its unit]."""
+        """From the image [the sensor's unit]."""
         ...
 
     @property
     def command(self) -> Float[np.ndarray, " steps"]:
-        """Of the driven channel [its unit]."""
-        ...
-
-    @property
-    def controlled(self) -> SensorSpec:
-        """The sensor that follows the target."""
-        ...
-
-    @property
-    def driven(self) -> Channel:
-        """The channel that is driven."""
+        """[the channel's unit]"""
         ...
 
 
@@ -69,14 +74,16 @@ def steady_states(traces: Sequence[ControlTrace]) -> Figure:
     """The sensor, true and estimated, and the command for several constant targets (Fig. 9)."""
     figure = new_figure(height=3.8, width=5.5)
     force, actuation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    first = traces[0]
+    unit = first.schema.sensor(first.sensor).unit
     for number, trace in enumerate(traces):
         color = _COLORS[number % len(_COLORS)]
         force.plot(trace.time, trace.target, color=GRAY, linewidth=0.8, linestyle="--")
         force.plot(trace.time, trace.true, color=color)
         force.plot(trace.time, trace.estimated, color=color, linestyle=":", linewidth=1.8)
-        actuation.plot(trace.time, trace.command, color=color, label=f"target {trace.target[-1]:.2f} {traces[0].controlled.unit}")
-    force.set_ylabel(_label(traces[0].controlled))
-    _finish_actuation(actuation, traces[0].driven)
+        actuation.plot(trace.time, trace.command, color=color, label=f"target {trace.target[-1]:.2f} {unit}")
+    force.set_ylabel(f"{first.sensor} [{unit}]")
+    _finish_actuation(actuation, first)
     actuation.legend(loc="lower right")
     for ax in (force, actuation):
         ax.grid(axis="y")
@@ -91,9 +98,9 @@ def steady_states(traces: Sequence[ControlTrace]) -> Figure:
 
 @styled
 def step_responses(traces: Mapping[float, ControlTrace]) -> Figure:
-    """Sensor, error and command of a step response, a line a gain K_P (Fig. 10).
+    """The sensor, error and command of the step response, a line a gain K_P (Fig. 10).
 
-    traces  K_P → run of the loop
+    traces  K_P [the channel's unit per the sensor's] → run of the loop
     """
     figure = new_figure(height=5.0, width=5.5)
     force, error, actuation = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
@@ -107,9 +114,10 @@ def step_responses(traces: Mapping[float, ControlTrace]) -> Figure:
     first = next(iter(traces.values()))
     dashed = {"color": GRAY, "linestyle": "--", "linewidth": 0.9, "zorder": 4}
     force.plot(first.time, first.target, drawstyle="steps-post", **dashed)
-    force.set_ylabel(_label(first.controlled))
-    error.set_ylabel(f"error e [{first.controlled.unit}]")
-    _finish_actuation(actuation, first.driven)
+    unit = first.schema.sensor(first.sensor).unit
+    force.set_ylabel(f"{first.sensor} [{unit}]")
+    error.set_ylabel(f"error e [{unit}]")
+    _finish_actuation(actuation, first)
     for ax in (force, error, actuation):
         ax.grid(axis="y")
     handles, labels = actuation.get_legend_handles_labels()
@@ -122,12 +130,8 @@ def step_responses(traces: Mapping[float, ControlTrace]) -> Figure:
     return figure
 
 
-def _label(named: SensorSpec | Channel) -> str:
-    return f"{named.name} [{named.unit}]"
-
-
-def _finish_actuation(ax: Axes, channel: Channel) -> None:
-    """The channel's peak is where a dataset's paths end."""
+def _finish_actuation(ax: Axes, trace: ControlTrace) -> None:
+    channel = _channel(trace)
     ax.axhline(channel.peak, color=BLACK, linestyle=":", linewidth=0.9)
     ax.annotate(
         f"training data end at {channel.peak:g} {channel.unit}",
@@ -138,4 +142,8 @@ def _finish_actuation(ax: Axes, channel: Channel) -> None:
         ha="right",
         fontsize=7,
     )
-    ax.set(ylabel=f"command {_label(channel)}", xlabel="time [s]")
+    ax.set(ylabel=f"command {channel.name} [{channel.unit}]", xlabel="time [s]")
+
+
+def _channel(trace: ControlTrace) -> Channel:
+    return next(channel for channel in trace.schema.channels if channel.name == trace.channel)
