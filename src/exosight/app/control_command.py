@@ -156,7 +156,10 @@ def trials_table(trials: Sequence[Trial]) -> Table:
         Column(f"largest {channel.name}", channel.unit, digits=2),
         Column(f"smallest {channel.name}", channel.unit, digits=2),
     )
-    note = f"Measured on the true {sensor.name}; a dash: it never settled within 5 % of the target, or was not released"
+    note = (
+        f"Measured on the true {sensor.name}; a dash: it never settled within 5 % of the target, or was not "
+        "released"
+    )
     return Table("trials", "Closed loop", columns, tuple(_row(trial) for trial in trials), note)
 
 

@@ -31,7 +31,8 @@ def nominal_system(designs: DesignSet, exosuit: Exosuit, estimator: OnnxEstimato
 
 
 def camera_for(designs: PublishedDesigns, estimator: OnnxEstimator | None) -> Camera:
-    """The camera of the network's images; the nominal one without a network, or with one of another system."""
+    """The camera of the network's images; the nominal one without a network, or with one of another
+    system."""
     if estimator is None or difference(estimator.card.schema, designs.schema, ("sensors",)):
         return designs.camera
     return camera_of(estimator.card)

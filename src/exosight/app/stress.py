@@ -44,8 +44,8 @@ def prepare(
 
     model   the network in the loop; None: the loop is closed on true readings
 
-    Raises InputError for a sensor, channel or network that is none of the system's, DataError if the model cannot
-    be read.
+    Raises InputError for a sensor, channel or network that is none of the system's, DataError if the model
+    cannot be read.
     """
     if model is None:
         return stress_plants(designs, None, sensor, channel), true_sensor

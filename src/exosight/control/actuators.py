@@ -18,7 +18,9 @@ class Actuator(Protocol):
     """
 
     def apply(self, u: float) -> None:
-        """Take u [the unit of its channel], which is within the limits of the controller; return soon, the loop waits."""
+        """Take u [the unit of its channel], which is within the limits of the controller; return soon, the
+        loop waits.
+        """
         ...
 
     def close(self) -> None:

@@ -77,12 +77,12 @@ class BatchPlant:
         state.reading("F_net")
 
     systems   what is simulated; all of one structure and one schema
-    path_step largest step of a command between two equilibria that are solved, as a share of its channel's peak;
-              larger ones are faster, and may snap elsewhere
+    path_step largest step of a command between two equilibria that are solved, as a share of its channel's
+              peak; larger ones are faster, and may snap elsewhere
     options   of the solver
 
-    Raises InputError for no systems, systems of several structures or schemas, or a path step that is not finite
-    and above 0; ConvergenceError if an unloaded system has no stable pose.
+    Raises InputError for no systems, systems of several structures or schemas, or a path step that is not
+    finite and above 0; ConvergenceError if an unloaded system has no stable pose.
     """
 
     def __init__(
@@ -141,7 +141,7 @@ class BatchPlant:
         return self._state
 
     def reset(self, which: Bool[np.ndarray, " plants"] | None = None) -> BatchState:
-        """Return to commands of 0 from the unstrained pose, forgetting the path so far; by default all of them."""
+        """Return to commands of 0 from the unstrained pose, forgetting the path; by default all of them."""
         chosen = np.ones(len(self), bool) if which is None else np.asarray(which, bool)
         column, own = chosen[:, None], self.resting
         self._q = np.where(column, self._at_rest, self._q)
@@ -158,9 +158,10 @@ class BatchPlant:
     def step(
         self, commands: Float[np.ndarray, "plants channels"], joints: Joints | None = None
     ) -> BatchState:
-        """Change every plant's commands [each in its channel's unit], and perhaps the users' joints, in small steps.
+        """Change every plant's commands [each in its channel's unit], and perhaps the users' joints.
 
-        A plant that finds no stable pose at one of these stays in the last one, whose commands its state tells.
+        A plant that finds no stable pose at one of these stays in the last one, whose commands its state
+        tells.
 
         commands  (plants, channels)
         joints    by default as they are
@@ -193,8 +194,8 @@ class BatchPlant:
     def pictures(
         self, camera: Camera | None = None, which: Int[np.ndarray, " frames"] | None = None
     ) -> UInt8[np.ndarray, "frames height width"]:
-        """What a camera sees of the plants as they are now, gray 0…255; by default the systems' first one, of all
-        plants in order.
+        """What a camera sees of the plants as they are now, gray 0…255; by default the systems' first one, of
+        all plants in order.
         """
         chosen = np.arange(len(self)) if which is None else which
         axes = {name: axis[chosen] for name, axis in self._state.axes.items()}

@@ -1,7 +1,7 @@
 """A network calibrated for one system: its errors along the system's own path are taken off (needs JAX).
 
-A network that was trained on many designs is a little wrong on each of them, in the same way whenever it takes the
-same pose. The path up and down, which `tune` solved, shows the poses that control will see.
+A network that was trained on many designs is a little wrong on each of them, in the same way whenever it
+takes the same pose. The path up and down, which `tune` solved, shows the poses that control will see.
 """
 
 from dataclasses import dataclass, replace
@@ -91,8 +91,8 @@ def calibrate_estimator(estimator: Reader, system: System, config: ControllerCon
     system   its first camera is the one that will look at it, of the size that the network was trained with
     config   of this system, from `tune`
 
-    Raises InputError for a configuration of another system, ConvergenceError if the path has no stable pose at
-    some command.
+    Raises InputError for a configuration of another system, ConvergenceError if the path has no stable pose
+    at some command.
     """
     found = difference(system.schema, config.schema)
     if found:
@@ -102,7 +102,8 @@ def calibrate_estimator(estimator: Reader, system: System, config: ControllerCon
     if not path.converged.all():
         lost = float(u[int(np.argmin(path.converged[0]))])
         raise ConvergenceError(
-            f"no stable pose at {config.channel} = {lost:g} {config.driven.unit}; give the channel a smaller range"
+            f"no stable pose at {config.channel} = {lost:g} {config.driven.unit}; "
+            "give the channel a smaller range"
         )
     seen = observe(stack_systems([system]), path.q)
     images = picture(system, {name: axis[0] for name, axis in seen.axes.items()})

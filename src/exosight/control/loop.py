@@ -17,8 +17,8 @@ RATE = 10.0
 """Steps of the loop a second [Hz]; not printed in the paper."""
 
 Measure = Callable[[Observation], float]
-"""What the law is told about an observation: one sensor [its unit], from the image or, for comparison, the true
-reading."""
+"""What the law is told about an observation: one sensor [its unit], from the image or, for comparison, the
+true reading."""
 
 
 def from_image(estimator: Estimator, schema: Schema, sensor: str | None = None) -> Measure:
@@ -67,7 +67,7 @@ class Record:
     time        (steps,)                 [s]
     target      (steps,)                 of the sensor [its unit]
     true        (steps,)                 what the sensor reads on the plant [its unit]
-    estimated   (steps,)                 what the law was told [its unit]: the same, if `measure` was a true reading
+    estimated   (steps,)                 what the law was told [its unit]: the same, if `measure` is true
     command     (steps,)                 u that the law asked for [the channel's unit]
     images      (steps, height, width)   what the camera saw, gray 0…255
     q           (steps, dofs)            coordinates of the poses (radians, dimensionless strains)
@@ -128,7 +128,8 @@ def run(
     channel: str | None = None,
     rate: float = RATE,
 ) -> Record:
-    """Reset plant and law, then follow the target: u_k from target k and measurement k − 1, applied and looked at.
+    """Reset plant and law, then follow the target: u_k from target k and measurement k − 1, applied and
+    looked at.
 
     The plant comes to rest within each step (quasi-static), so the rate only sets the times.
 

@@ -15,13 +15,14 @@ class Observation:
     """A plant at rest under one command of each channel; a real plant answers NaN for what it cannot know.
 
     schema          names and units of channels and sensors
-    commands        (channels,)       of this very pose [each in its channel's unit]: the ones asked for, unless
-                    `converged` is False
+    commands        (channels,)       of this very pose [each in its channel's unit]: the ones asked for,
+                    unless `converged` is False
     image           (height, width)   what the camera sees, gray 0…255
-    readings        (sensors,)        true readings of all sensors, in the order of the schema [each in its unit]
+    readings        (sensors,)        true readings of all sensors, in the order of the schema [each in its
+                    unit]
     q               (dofs,)           coordinates of the pose (radians, dimensionless strains)
-    converged       False: no stable pose was found on the way to the commands that were asked for, and this is
-                    the last one before
+    converged       False: no stable pose was found on the way to the commands that were asked for, and this
+                    is the last one before
     min_eigenvalue  how stable the pose is [-]: 1 for the unloaded plant, 0 where it snaps
     """
 

@@ -23,9 +23,9 @@ _PIECE = 16  # loads a call: the solver is compiled once for all calls of up to 
 class SimulatedPlant:
     """Quasi-static: at each command the system rests in the stable pose that the path so far leads to.
 
-    The way from one command to the next is walked in even steps. As a system may snap between stable poses, the
-    same command can show different readings on the way up and down (hysteresis); the same sequence of commands
-    always shows the same.
+    The way from one command to the next is walked in even steps. As a system may snap between stable poses,
+    the same command can show different readings on the way up and down (hysteresis); the same sequence of
+    commands always shows the same.
 
         plant = SimulatedPlant(published(Exosuit(shape)))
         plant.apply(np.array([1.2])).reading("F_net")
@@ -133,7 +133,7 @@ def _walk(system: System, robot: Robot, start: _Point, commands: tuple[float, ..
 def _steps(
     schema: Schema, start: Float[np.ndarray, " channels"], end: Float[np.ndarray, " channels"]
 ) -> Float[np.ndarray, "steps channels"]:
-    """The commands after `start` up to and with `end`, evenly spaced by at most 1/80 of each channel's peak."""
+    """Commands after `start` up to and with `end`, evenly, at most 1/80 of each channel's peak apart."""
     largest = np.array([abs(channel.peak) / 80 for channel in schema.channels])
     # The margin keeps round-off from adding a step.
     count = max(1, int(np.ceil(np.max(np.abs(end - start) / largest) - 1e-9)))

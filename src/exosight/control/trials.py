@@ -1,6 +1,6 @@
 """Trials of the closed loop: targets that are held and released, and the paper's study of one exosuit.
 
-The paper's: three constant targets and three step responses, F_net of the published system by its one channel.
+The paper's: three constant targets and three step responses of the published system's F_net.
 """
 
 from collections.abc import Callable

@@ -27,8 +27,8 @@ _METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
 class GripEnv(gymnasium.Env):
     """One grip, see `exosight.environment.task`.
 
-    system       what is simulated: name of a preset, a system file, or a system itself; by default the exosuit of
-                 the paper's controller
+    system       what is simulated: name of a preset, a system file, or a system itself; by default the
+                 exosuit of the paper's controller
     render_mode  "rgb_array": `render` shows the camera's picture
     others       fields of `GripConfig`
 
@@ -70,8 +70,8 @@ class GripVectorEnv(VectorEnv):
     """Many grips, solved together: the same as so many `GripEnv`, step by step, but faster.
 
     num_envs        how many
-    system          what is simulated: one for all or several, taken in turn, each as for `GripEnv`; all of one
-                    structure
+    system          what is simulated: one for all or several, taken in turn, each as for `GripEnv`; all of
+                    one structure
     autoreset_mode  Gymnasium's "NextStep" (an episode that is over begins anew in the next step, whatever the
                     action), "SameStep" (at once; the last observation is in `final_obs`) or "Disabled"
                     (`reset` with the option "reset_mask")

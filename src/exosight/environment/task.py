@@ -8,8 +8,8 @@ the system comes to rest under u_k, and the agent is paid
 
     r_k = −( |F_t,k − F_k| + w Σ_i max(F_i − F_max,i, 0) ) / 0.1,    i over the estimated sensors:
 
-0 at best, −1 for an error of 0.1 of the sensor's unit. An episode is a row of targets, each held for a while; it is always cut
-after the same number of steps, and never ends by itself.
+0 at best, −1 for an error of 0.1 of the sensor's unit. An episode is a row of targets, each held for a while;
+it is always cut after the same number of steps, and never ends by itself.
 """
 
 import math
@@ -73,8 +73,8 @@ class GripConfig:
     u_max: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     """Largest command of a single channel [its unit]; by default its peak."""
     rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
-    """Largest change of the command of a single channel a second [its unit/s]; by default the channel's own, or
-    its peak in 0.4 s."""
+    """Largest change of the command of a single channel a second [its unit/s]; by default the channel's own,
+    or its peak in 0.4 s."""
     period: Annotated[float, Field(gt=0, le=10)] = 0.1
     """Of a step [s]."""
     path_step: Annotated[float, Field(ge=0.0025, le=0.25)] = 0.125
@@ -123,8 +123,8 @@ def ranges(schema: Schema, config: GripConfig) -> Ranges:
     named = [name for name, value in given.items() if value is not None]
     if named and len(schema.channels) > 1:
         raise InputError(
-            f"grip, {named[0]}: {schema.system} has {len(schema.channels)} channels; change their ranges and rates "
-            "in its description"
+            f"grip, {named[0]}: {schema.system} has {len(schema.channels)} channels; change their "
+            "ranges and rates in its description"
         )
     low, high, step = [], [], []
     for channel in schema.channels:
@@ -208,8 +208,8 @@ class Grips:
     ) -> None:
         """Begin a new episode wherever there is a generator, at rest, with targets that it draws.
 
-        target  F_t for all of these episodes instead: one number, or one a step (the last goes on) [the sensor's
-                unit]
+        target  F_t for all of these episodes instead: one number, or one a step (the last goes on) [the
+                sensor's unit]
 
         Raises InputError for targets that are negative or no finite numbers.
         """
@@ -264,8 +264,8 @@ class Grips:
         return self._plant.pictures(self.camera)
 
     def tell(self) -> dict[str, np.ndarray]:
-        """For the records: the controlled sensor and every channel's command by their names, each in its unit, and
-        whether the solver found the pose that was asked for.
+        """For the records: the controlled sensor and every channel's command by their names, each in its
+        unit, and whether the solver found the pose that was asked for.
         """
         state = self._plant.state
         commands = {c.name: state.commands[:, i].copy() for i, c in enumerate(self.schema.channels)}

@@ -60,7 +60,8 @@ def live(
         target: of the controlled sensor, F_net of the published system [its unit]
         seconds: for how long [s]
         rate: steps a second [Hz]
-        send: write the command there, one line a step: a serial device, a named pipe, a new file, or "-" for stdout
+        send: write the command there, one line a step: a serial device, a named pipe, a new file, or "-" for
+            stdout
         record: new file (HDF5) for all that is seen, estimated and done; exosight replay reads it
         crop: part of the camera's picture that the network is shown [pixels]; default: the largest
         system: name of a preset, or a system file (*.toml)

@@ -44,7 +44,8 @@ def stress(
         episodes: how many
         seed: seed of all that is drawn
         gains: K_P of the paper's law, one run each; none: the guarded controller alone
-        system: name of a preset, or a system file (*.toml), whose `vary` tables are what may be wrong about it
+        system: name of a preset, or a system file (*.toml), whose `vary` tables are what may be wrong
+            about it
         sensor: the one that follows the targets; default: the first net force
         channel: the one that is driven; default: the first
         model: exported network, from `exosight train`; without it the sensor is the true reading

@@ -25,8 +25,8 @@ class StressConfig:
     release_seconds: Annotated[float, Field(ge=1.1, le=60)] = 1.5
     """time after that [s]"""
     targets: Annotated[tuple[Positive, Positive], AfterValidator(rising)] | None = None
-    """targets [unit of the sensor]; default: 0.1…0.4 N for the published system, shares of the largest reading
-    within the limits for another"""
+    """targets [unit of the sensor]; default: 0.1…0.4 N for the published system, shares of the largest
+    reading within the limits for another"""
     latency: Annotated[tuple[Delay, Delay], AfterValidator(rising)] = (0.0, 0.3)
     """age of the frames [s], in whole steps of 0.1 s; one for each episode"""
     dropped: Annotated[tuple[Share, Share], AfterValidator(rising)] = (0.0, 0.2)
@@ -36,8 +36,8 @@ class StressConfig:
     bursts: Annotated[int, Field(ge=0, le=10)] = 2
     """spells of up to 1 s of noise or of something in front of the camera, in each episode"""
     wrong_plant: bool = True
-    """the system differs from the one that the controller was tuned for: modulus, finger and mount of the published
-    one, what `vary` tables say of a file's"""
+    """the system differs from the one that the controller was tuned for: modulus, finger and mount of the
+    published one, what `vary` tables say of a file's"""
     wrong_camera: bool = True
     """in every third episode the camera stands up to 2 mm off and is up to 3 % too near or too far"""
     moving_user: bool = True

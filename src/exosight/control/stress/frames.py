@@ -35,8 +35,8 @@ def camera_sensor(estimator: Reader) -> Look:
 
 
 def true_sensor(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
-    """What the simulation knows, no network: noise scatters each output by up to 0.03 of its unit, and whatever
-    hides a picture is always noticed.
+    """What the simulation knows, no network: noise scatters each output by up to 0.03 of its unit, and
+    whatever hides a picture is always noticed.
 
     The pictures are a few bytes that differ where outputs do, for the guard to compare.
     """

@@ -1,4 +1,4 @@
-"""Which systems the episodes of a stress run are about: the one that is tuned for, and those that come instead."""
+"""The systems of a stress run: the one that controllers are tuned for, and those that come instead."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ class StressPlants:
 def stress_plants(
     designs: DesignSet, camera: Camera | None = None, sensor: str | None = None, channel: str | None = None
 ) -> StressPlants:
-    """The paper's exosuit and its wearers for the published system; for a file, the file's system and designs.
+    """The paper's exosuit and its wearers for the published system; for a file, its system and designs.
 
     camera   of the published system, by default the nominal one; a file names its own
     sensor, channel   as for `exosight.control.tuning.tune`
@@ -94,7 +94,7 @@ def _of_file(designs: FileDesigns, sensor: str | None, channel: str | None) -> S
         return designs.draw(count, seed)
 
     def other(seed: int, number: int) -> System:
-        # Design k is the same however many are drawn: with the next power of two, each is drawn twice at most.
+        # Design k is the same however many are drawn; as many as the next power of two are drawn but once.
         return designs.build(drawn(seed, 1 << number.bit_length())[number])
 
     return StressPlants(limits, nominal, other, *_targets(limits))

@@ -59,7 +59,7 @@ class Traces:
     command     (episodes, steps)            asked for [the driven channel's unit]
     outputs     (episodes, steps, outputs)   true readings of the estimated sensors [each in its unit]
     true        (episodes, steps)            true reading of the controlled sensor [its unit]
-    estimated   (episodes, steps)            it as the controller was told it before the step; NaN: nothing came
+    estimated   (episodes, steps)            as the controller was told it before the step; NaN: nothing
     converged   (episodes, steps)            the plant reached the command asked for
     logs        what each controller's guard did
     """
