@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 from cards import made_up
+from exosight.learning.samples import stacks
 
 from exosight.control import OnnxEstimator, from_image
 from exosight.control.frame_history import FrameHistory
 from exosight.errors import InputError
 from exosight.learning.model_inputs import HISTORY_SPACING
-from exosight.learning.samples import stacks
 
 CARD = made_up(4, 6, data={HISTORY_SPACING: 0.16}, history=2, actuation=True)
 
