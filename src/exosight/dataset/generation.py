@@ -184,8 +184,8 @@ def _finish(
     if not chunks:
         reasons = ", ".join(f"{cause.replace('_', ' ')} {count}" for cause, count in dropped.items())
         raise InputError(
-            f"dataset: no frame is worth keeping ({reasons}); change stiffness, clearance or ranges, and name "
-            "a new folder"
+            f"dataset: no frame is worth keeping ({reasons}); change stiffness, clearance or ranges, and "
+            "name a new folder"
         )
     manifest = new_manifest(
         config=TypeAdapter(GenerateConfig).dump_python(job.config, mode="json"),

@@ -183,8 +183,8 @@ def read_manifest(folder: Path) -> Manifest:
         )
     if found < FORMAT:
         raise DataError(
-            f"{path}: format {found}, written by exosight {str(values.get('exosight_version'))[:20]}; this one "
-            f"reads format {FORMAT}: make the dataset again, exosight generate with the options in its config"
+            f"{path}: format {found}, written by exosight {str(values.get('exosight_version'))[:20]}; this "
+            f"one reads format {FORMAT}: make it again, exosight generate with the options in its config"
         )
     try:
         manifest = _ADAPTER.validate_json(content, strict=True)
