@@ -35,7 +35,7 @@ def test_the_six_runs_of_the_paper(toy):
     assert (violent.largest_u, violent.smallest_u, violent.ripple) == (6.0, -6.0, pytest.approx(0.6))
 
 
-def test_what_is_judged_is_the_true_reading()(toy):
+def test_what_is_judged_is_the_true_force(toy):
     blind = study(toy(0.1), lambda seen: 0.8 * seen.reading("F_net"))
     # The estimate settles on the target, so the truth a quarter above it: never in the band.
     for trial in blind.steady_states:
