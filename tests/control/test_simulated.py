@@ -83,7 +83,7 @@ def test_a_limit_that_is_no_number_above_zero_is_refused(limit):
 def test_a_way_that_was_just_walked_is_remembered_not_solved_again(plant, monkeypatch):
     plant.reset()
     first = plant.apply(1.1)
-    monkeypatch.setattr(simulated, "follow", None)
+    monkeypatch.setattr(simulated, "advance", None)
     plant.reset()
     again = plant.apply(1.1)
     np.testing.assert_array_equal(again.q, first.q)
@@ -94,14 +94,16 @@ def test_where_no_stable_pose_is_found_the_last_one_stays(monkeypatch):
     plant = SimulatedPlant(Exosuit(CONTROL_SHAPE), CAMERA)  # the ways of which are not yet remembered
     plant.reset()
     expected = plant.apply(0.7)
-    solve = simulated.follow
+    solve = simulated.advance
 
-    def fails_beyond(robots, loads, **options):
-        path = solve(robots, loads, **options)
-        return type(path)(**{**vars(path), "converged": path.converged & (loads[:, 0] < 0.71)})
+    def fails_beyond(robots, state, loads):
+        if loads[0, 0] < 0.71:
+            return solve(robots, state, loads)
+        reached, found = solve(robots, state, np.minimum(loads, 0.7))
+        return reached, type(found)(**{**vars(found), "converged": np.array([False])})
 
     plant.reset()
-    monkeypatch.setattr(simulated, "follow", fails_beyond)
+    monkeypatch.setattr(simulated, "advance", fails_beyond)
     stopped = plant.apply(1.0)
     assert not stopped.converged
     assert stopped.u == pytest.approx(0.7)

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Float32
 from exosight.control.estimator import Reader, Reading
 from exosight.control.paths import ControllerConfig
 from exosight.errors import ConvergenceError, InputError
-from exosight.mechanics import follow
+from exosight.mechanics import drive
 from exosight.system.observation import observe
 from exosight.system.schema import difference
 from exosight.system.system import System, stack_systems
@@ -98,7 +98,7 @@ def calibrate_estimator(estimator: Reader, system: System, config: ControllerCon
     if found:
         raise InputError(f"calibration: expected a controller that was tuned for this system; {found}")
     u = np.concatenate([config.loading.u, config.unloading.u[1:]])
-    path = follow([system.robot], system.loads(np.stack([config.commands(each) for each in u])))
+    path = drive([system.robot], system.loads(np.stack([config.commands(each) for each in u])))
     if not path.converged.all():
         lost = float(u[int(np.argmin(path.converged[0]))])
         raise ConvergenceError(

@@ -10,21 +10,18 @@ from jaxtyping import Float
 
 from exosight.control.plant import Observation, check_commands
 from exosight.errors import ConvergenceError
-from exosight.mechanics import Robot, follow
+from exosight.mechanics import Robot, State, advance, stack
 from exosight.system.observation import observe
 from exosight.system.schema import Schema
 from exosight.system.system import System, stack_systems
 from exosight.vision.scene import picture
-
-_PIECE = 16  # loads a call: the solver is compiled once for all calls of up to 16
 
 
 @dataclass
 class SimulatedPlant:
     """Quasi-static: at each command the system rests in the stable pose that the path so far leads to.
 
-    The way from one command to the next is walked in even steps. As a system may snap between stable poses,
-    the same command can show different readings on the way up and down (hysteresis); the same sequence of
+    As a system may snap between stable poses, the same command can show different readings on the way up and down (hysteresis); the same sequence of
     commands always shows the same.
 
         plant = SimulatedPlant(published(Exosuit(shape)))
@@ -44,7 +41,7 @@ class SimulatedPlant:
         self.schema = self.system.schema
         self._stacked = stack_systems([self.system])
         # A loop that swings between two commands walks the same two ways for ever: they are remembered.
-        self._walk = lru_cache(maxsize=8)(partial(_walk, self.system, self.system.robot))
+        self._walk = lru_cache(maxsize=8)(partial(_walk, self.system, stack([self.system.robot])))
 
     def reset(self) -> Observation:
         """Return to commands of 0 from the unstrained pose, forgetting the path so far.
@@ -109,32 +106,14 @@ class _Point:
     commands: tuple[float, ...]
     q: tuple[float, ...]
     min_eigenvalue: float
+    history: tuple = ()
 
 
-def _walk(system: System, robot: Robot, start: _Point, commands: tuple[float, ...]) -> tuple[_Point, bool]:
+def _walk(system: System, stacked: Robot, start: _Point, commands: tuple[float, ...]) -> tuple[_Point, bool]:
     """The last equilibrium on the way from `start` to the commands, and whether that is the one at these."""
-    way = _steps(system.schema, np.array(start.commands), np.array(commands))
-    for first in range(0, len(way), _PIECE):
-        piece = way[first : first + _PIECE]
-        path = follow([robot], system.loads(piece), q=np.array([start.q]), snaps=False)
-        good = int(np.argmin([*path.converged[0], False]))  # up to the first that does not converge
-        if good:
-            last = good - 1
-            start = _Point(
-                tuple(piece[last].tolist()),
-                tuple(path.q[0, last].tolist()),
-                float(path.min_eigenvalue[0, last]),
-            )
-        if good < len(piece):
-            return start, False
-    return start, True
-
-
-def _steps(
-    schema: Schema, start: Float[np.ndarray, " channels"], end: Float[np.ndarray, " channels"]
-) -> Float[np.ndarray, "steps channels"]:
-    """Commands after `start` up to and with `end`, evenly, at most 1/80 of each channel's peak apart."""
-    largest = np.array([abs(channel.peak) / 80 for channel in schema.channels])
-    # The margin keeps round-off from adding a step.
-    count = max(1, int(np.ceil(np.max(np.abs(end - start) / largest) - 1e-9)))
-    return np.linspace(start, end, count + 1)[1:]
+    loads = [system.loads(np.array([each])) for each in (start.commands, commands)]
+    state, found = advance(stacked, State(np.array([start.q]), loads[0], start.history), loads[1])
+    converged = bool(found.converged[0])
+    reached = commands if converged else tuple(system.commands(np.asarray(state.loads)[0]).tolist())
+    q = tuple(np.asarray(state.q)[0].tolist())
+    return _Point(reached, q, float(found.min_eigenvalue[0]), state.history), converged

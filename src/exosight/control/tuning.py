@@ -3,7 +3,7 @@
 1. Solve the system from rest up, in steps of 1/160 of the channel's peak, to the first command at which an
    estimated sensor reads more than it may: the command before is u_max.
 2. Solve from there down to u_min, below 0, where the pose must have let go.
-3. The controlled sensor on both is the schedule; its jumps are those that `follow` tells.
+3. The controlled sensor on both is the schedule; its jumps are those that `drive` tells.
 4. Δu per change of the sensor is bounded by the slopes in contact: above by the flattest tenth of them, below
    by half of what the steepest tenth asks for.
 """
@@ -17,7 +17,7 @@ from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import channel_index
 from exosight.control.scheduled import RELEASED
 from exosight.errors import ConvergenceError, InputError
-from exosight.mechanics import Equilibria, follow
+from exosight.mechanics import Equilibria, State, drive
 from exosight.system.observation import observe
 from exosight.system.schema import Channel, Schema, SensorSpec
 from exosight.system.system import System, stack_systems
@@ -144,7 +144,8 @@ class _Walk:
         schema = self._system.schema
         commands = np.zeros((len(u), len(schema.channels)))
         commands[:, self._place] = u
-        found = follow([self.robot], self._system.loads(commands), q=q[None])
+        loads = self._system.loads(commands)
+        found = drive([self.robot], loads, state=State(q[None], loads[:1]))
         if not found.converged.all():
             driven = schema.channels[self._place]
             lost = float(u[int(np.argmin(found.converged[0]))])

@@ -77,9 +77,6 @@ class GripConfig:
     or its peak in 0.4 s."""
     period: Annotated[float, Field(gt=0, le=10)] = 0.1
     """Of a step [s]."""
-    path_step: Annotated[float, Field(ge=0.0025, le=0.25)] = 0.125
-    """Largest step of a command between two equilibria that are solved, as a share of the channel's peak; the
-    simulated plant's own is 1/80."""
     camera: Camera | None = None
     """That the pictures are taken with; by default the system's first one."""
 
@@ -195,7 +192,7 @@ class Grips:
         self.camera = config.camera or systems[0].camera()
         self._ranges = ranges(self.schema, config)
         self._limits = default_limits(self.schema, config.contact_limit)
-        self._plant = BatchPlant(systems, config.path_step, _SOLVER)
+        self._plant = BatchPlant(systems, _SOLVER)
         self._targets = np.zeros((len(systems), config.steps + 1))
         self._step = np.zeros(len(systems), int)
         self._commands = np.zeros((len(systems), len(self.schema.channels)))
