@@ -22,6 +22,7 @@ from exosight.vision.scene import tubes
 
 _EXACT = SolverOptions()
 
+
 @dataclass(frozen=True)
 class Joints:
     """What the users do with the bodies that a system works on: springs that are stiffer or softer, and rest

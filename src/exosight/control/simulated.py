@@ -21,8 +21,8 @@ from exosight.vision.scene import picture
 class SimulatedPlant:
     """Quasi-static: at each command the system rests in the stable pose that the path so far leads to.
 
-    As a system may snap between stable poses, the same command can show different readings on the way up and down (hysteresis); the same sequence of
-    commands always shows the same.
+    As a system may snap between stable poses, the same command can show different readings on the way up and
+    down (hysteresis); the same sequence of commands always shows the same.
 
         plant = SimulatedPlant(published(Exosuit(shape)))
         plant.apply(np.array([1.2])).reading("F_net")
