@@ -268,9 +268,7 @@ def shares() -> Figure:
     panels = figure.subplots(1, 3, sharey=True)
     for axes, name, places in zip(panels, ("C6", "C7", "C6 + C7"), ([5], [6], [5, 6]), strict=True):
         axes.plot(u, true[:, places].sum(axis=1), color=BLUE, label="true")
-        axes.plot(
-            u, read[:, places].sum(axis=1), ".", color=VERMILION, markersize=4, label="estimated"
-        )
+        axes.plot(u, read[:, places].sum(axis=1), ".", color=VERMILION, markersize=4, label="estimated")
         axes.set_title(name)
         axes.set_xlabel("u [N]")
     panels[0].set_ylabel("force [mN]")
