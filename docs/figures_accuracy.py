@@ -100,28 +100,30 @@ def tables(found: Found) -> dict[str, str]:
 
 def _networks(found: Found, asked: Mapping[str, Mapping[str, str]]) -> str:
     """Networks on images of another set-up."""
-    rows = {words: found[name][network] for name, told in asked.items() for network, words in told.items()}
+    rows = {
+        words: found[name][network] for name, labels in asked.items() for network, words in labels.items()
+    }
     return _shifts(rows, "images and network")
 
 
-def of_contacts(told: Found, column: str) -> np.ndarray:
+def of_contacts(result: Found, column: str) -> np.ndarray:
     """One quantity of C1…C7."""
-    return np.array([row[column] for row in told["contacts"] if row["contact"] in CONTACTS], float)
+    return np.array([row[column] for row in result["contacts"] if row["contact"] in CONTACTS], float)
 
 
 def _protocols(found: Found) -> str:
     rows = []
     for name, words in PROTOCOLS.items():
-        told = found[name]
-        r = of_contacts(told, "r exosight")
+        result = found[name]
+        r = of_contacts(result, "r exosight")
         rows.append(
             [
                 words,
-                told["frames"].split()[0],
+                result["frames"].split()[0],
                 f"{np.nanmean(r):.4f}",
                 f"{np.nanmin(r):.3f}",
-                f"{np.nanmean(of_contacts(told, 'RMS% exosight [%]')):.2f}",
-                f"{1e3 * np.nanmean(of_contacts(told, 'RMSE exosight [N]')):.1f}",
+                f"{np.nanmean(of_contacts(result, 'RMS% exosight [%]')):.2f}",
+                f"{1e3 * np.nanmean(of_contacts(result, 'RMSE exosight [N]')):.1f}",
             ]
         )
     # The means as printed in the paper; means of its rounded contacts differ in the last digit.
@@ -163,10 +165,11 @@ def _degraded(found: Found) -> str:
     return table_of(("mean r", *IMAGES), rows)
 
 
-def _details(told: Found) -> str:
-    columns = list(told["details"][0])
+def _details(result: Found) -> str:
+    columns = list(result["details"][0])
     rows = [
-        [row["contact"], *(_number(row[column], column) for column in columns[1:])] for row in told["details"]
+        [row["contact"], *(_number(row[column], column) for column in columns[1:])]
+        for row in result["details"]
     ]
     return table_of([column.replace("[N]", "[mN]") for column in columns], rows)
 
@@ -175,17 +178,17 @@ def _number(value: float, column: str) -> str:
     return f"{1e3 * value:.1f}" if column.endswith("[N]") else f"{value:.4f}"
 
 
-def _baselines(told: Found) -> str:
+def _baselines(result: Found) -> str:
     columns = ("r exosight", "RMS% exosight [%]")
     rows = [
         [row["estimator"], *("–" if row[c] is None else f"{row[c]:.3f}" for c in columns)]
-        for row in told["baselines"]
+        for row in result["baselines"]
     ]
     return table_of(("estimator", "r, mean", "RMS% of range"), rows)
 
 
-def _coverage(told: Found) -> str:
-    own = [row for row in told["intervals"] if row["promised [%]"] == 90.0]
+def _coverage(result: Found) -> str:
+    own = [row for row in result["intervals"] if row["promised [%]"] == 90.0]
     rows = [
         [f"{frames} [%]", *_digits([row[f"inside {frames} [%]"] for row in own], 1)]
         for frames in ("estimate above zero", "all frames")
@@ -193,7 +196,7 @@ def _coverage(told: Found) -> str:
     return table_of(("coverage of 90 % intervals", *(row["contact"] for row in own)), rows)
 
 
-def _shifts(told: Found, first: str = "change") -> str:
+def _shifts(result: Found, first: str = "change") -> str:
     rows = [
         [
             name,
@@ -204,7 +207,7 @@ def _shifts(told: Found, first: str = "change") -> str:
             f"{row['flagged_percent']:.0f}",
             "–" if row["net_rmse_trusted"] is None else f"{1e3 * row['net_rmse_trusted']:.0f}",
         ]
-        for name, row in told.items()
+        for name, row in result.items()
     ]
     heads = (
         first,

@@ -155,7 +155,7 @@ def _trace(record: Record) -> dict[str, Any]:
         "last": round(float(record.F_net_true[-1]), 4),
         "target": record.target.tolist(),
         "true": record.F_net_true.round(4).tolist(),
-        "told": record.F_net_estimated.round(4).tolist(),
+        "estimated": record.F_net_estimated.round(4).tolist(),
         "u": record.u.round(4).tolist(),
     }
 
@@ -206,7 +206,7 @@ def _draw(above: Any, below: Any, trace: dict[str, Any], colour: str, at_back: b
     width = 0.6 if at_back else 1.2
     above.plot(time, trace["target"], color=GRAY, linewidth=0.8, linestyle="--", drawstyle="steps-post")
     above.plot(time, trace["true"], color=colour, linewidth=width, zorder=z)
-    above.plot(time, trace["told"], color=colour, linestyle=":", linewidth=width, zorder=z)
+    above.plot(time, trace["estimated"], color=colour, linestyle=":", linewidth=width, zorder=z)
     below.plot(time, trace["u"], color=colour, linewidth=width, zorder=z)
 
 
