@@ -22,7 +22,7 @@ _WORDS = (
     ("a dictionary or an instance of", "a table for"),
     ("a valid tuple", "a list"),
     (
-        "String should match pattern '^[A-Za-z][A-Za-z0-9_]{0,31}$'",
+        "String should match pattern '^[A-Za-z][A-Za-z_0-9]{0,31}$'",
         "expected a name of at most 32 letters, digits and underscores, a letter first",
     ),
 )
