@@ -9,7 +9,7 @@ from exosight.learning.model_file import ModelCard
 
 
 def made_up(image_height: int, image_width: int, **known: Any) -> ModelCard:
-    """A card of the published system that says nothing in particular, but for its image's size and what is given."""
+    """A card of the published system that says nothing in particular, but for its image size."""
     schema = known.get("schema", published_schema(image_height, image_width))
     ones = ((1.0,) * len(schema.outputs),) * 5
     return ModelCard(
