@@ -219,7 +219,7 @@ def test_options_of_the_published_system_are_refused_with_a_file(
 
 
 def test_the_published_system_goes_by_scenarios(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="^designs: the system published goes by per_scenario"):
+    with pytest.raises(InputError, match=r"^designs: the system published goes by per_scenario"):
         generate(GenerateConfig(designs=5), tmp_path / "data")
 
 

@@ -27,7 +27,8 @@ def shades_of(config: GenerateConfig, system: System) -> dict[str, float]:
     unknown = [name for name in config.lighting.shades if name not in shades]
     if unknown:
         raise InputError(
-            f"lighting.shades: the system {system.name} has no tube {unknown[0]!r}; it has {', '.join(shades)}"
+            f"lighting.shades: the system {system.name} has no tube {unknown[0]!r}; "
+            f"it has {', '.join(shades)}"
         )
     return shades
 
