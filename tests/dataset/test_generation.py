@@ -234,7 +234,9 @@ def test_another_configuration_is_refused(whole: Path, change: dict, words: str)
 def test_another_version_is_refused(whole: Path) -> None:
     values = json.loads((whole / "job.json").read_text())
     (whole / "job.json").write_text(json.dumps(values | {"exosight_version": "0.0.9", "unheard": 1}))
-    with pytest.raises(InputError, match=r"begun by exosight 0\.0\.9, this is .*; go on with that version"):
+    with pytest.raises(
+        InputError, match=r"begun by exosight 0\.0\.9 .*, this is .*; go on with that version"
+    ):
         generate(CONFIG, whole, resume=True)
 
 

@@ -155,14 +155,20 @@ def test_crossing_is_left_alone_by_motions_reversal_and_batching(
     np.testing.assert_array_equal(np.concatenate([crosses_itself(each[None]) for each in line]), found)
 
 
+def with_axes(finger: np.ndarray, exosuit: np.ndarray) -> Observation:
+    """Nothing but where the tubes are (1, frames, points, 3)."""
+    batch = exosuit.shape[:2]
+    none = np.zeros((*batch, 0, 3))
+    return Observation(np.zeros((*batch, 0)), none, none, {"finger": finger, "exosuit": exosuit})
+
+
 def test_first_cause_wins() -> None:
     """Four frames: all three causes, crossing and low tip, low tip alone, none."""
     straight, bow = polyline((0, 0), (1, 0), (2, 1), (3, 1)), polyline((0, 0), (2, 2), (2, 0), (0, 2))
     line = np.stack([np.concatenate([bow, bow, straight, straight])])
     finger = np.zeros((1, 4, 5, 3))
     finger[0, :, -1, 2] = [5, 5, 5, 0]
-    none = np.zeros((1, 4, 0))
-    seen = Observation(none, none[..., None], none[..., None], {"finger": finger, "exosuit": line})
+    seen = with_axes(finger, line)
     system = SET.build(SET.draw(1, 0)[0])
     converged = np.array([[False, True, True, True]])
     names = (*causes(SET), None)
@@ -173,10 +179,7 @@ def test_first_cause_wins() -> None:
 def test_a_finger_that_is_crossed_is_no_rod() -> None:
     """Links may be seen to cross: what is checked is the axis of rods."""
     bow, straight = polyline((0, 0), (2, 2), (2, 0), (0, 2)), polyline((0, 0), (1, 0), (2, 3), (3, 3))
-    none = np.zeros((1, 1, 0))
-    seen = Observation(
-        none, none[..., None], none[..., None], {"finger": bow[None], "exosuit": straight[None]}
-    )
+    seen = with_axes(bow[None], straight[None])
     system = SET.build(SET.draw(1, 0)[0])
     assert first_cause(SET, system, np.ones((1, 1), bool), seen).tolist() == [[len(CAUSES)]]
 
