@@ -40,7 +40,7 @@ SHIFTS: dict[str, Variation] = {
     "joint stiffness 0.5 to 2 times": PlantVariation(joint_stiffness=(0.5, 2.0)),
     "links ±3 %, radius ±5 %": PlantVariation(link_length=(0.97, 1.03), finger_radius=(0.95, 1.05)),
     "mount ±1 mm, ±1°": PlantVariation(mount_offset=(-0.001, 0.001), mount_angle=(-0.0175, 0.0175)),
-    "camera moved by up to 2 % of the picture": AppearanceVariation(shift=0.02),
+    "camera moved by up to 2 % of the image": AppearanceVariation(shift=0.02),
     "camera moved by up to 10 %": AppearanceVariation(shift=0.1),
     "camera nearer or farther by up to 3 %": AppearanceVariation(zoom=0.03),
     "camera nearer or farther by up to 15 %": AppearanceVariation(zoom=0.15),

@@ -1,4 +1,4 @@
-"""The pictures of the documentation: `make figures` draws them again from simulation alone."""
+"""Figures of the documentation: `make figures` draws them from simulation alone."""
 
 from pathlib import Path
 
@@ -48,7 +48,7 @@ NEWTON = 0.2  # an arrow of 1 N is so long [m]
 
 @styled
 def overview() -> Figure:
-    """The system, what the camera sees, the forces behind it, and the way there."""
+    """The system, a camera image, its contact forces, and images along the path."""
     exosuit = Exosuit(CONTROL_SHAPE)
     found = simulate(exosuit, LOADS)
     seen = picture(published(exosuit), found.pose.axes)
@@ -61,7 +61,7 @@ def overview() -> Figure:
         system, exosuit, found.equilibria.q[SHOWN], one, picture(published(exosuit, NEAR), one.axes)[0]
     )
     show_image(camera, seen[SHOWN])
-    camera.set_title("2. What the camera sees")
+    camera.set_title("2. Camera image")
     camera.set_xlabel("128 × 128 pixels, gray")
     _draw_forces(forces, np.asarray(one.forces[0]))
 
@@ -101,7 +101,7 @@ def _draw_system(
     ends = np.array([[-0.015, 0.0, -0.05], [0.005, 0.0, -0.05]])
     ax.plot(*_pixels(ends).T, color=BLACK, linewidth=1.5, solid_capstyle="butt")
     _write(ax, "2 cm", ends.mean(axis=0) + np.array([0.0, 0.0, 0.005]), color=BLACK)
-    ax.set_title("1. A soft exosuit pushes a finger closed")
+    ax.set_title("1. A soft exosuit flexes a finger")
 
 
 def _arrow(ax: Axes, start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"], text: str) -> None:
@@ -124,7 +124,7 @@ def _write(ax: Axes, text: str, at: Float[np.ndarray, "3"], color: str) -> None:
 
 
 def _line(exosuit: Exosuit, motion: Motion) -> Float[np.ndarray, "points 3"]:
-    """The line of actuation in the world: on the surface away from the finger [m]."""
+    """The line of actuation in the world: on the surface opposite to the finger [m]."""
     frames = np.asarray(motion.pose[assemble(exosuit).frame_slice(ROD)])
     surface = radius(exosuit.shape.surface, QUADRATURE.points)
     return frames[:, :3, 3] + surface[:, None] * frames[:, :3, 2]
@@ -141,12 +141,12 @@ def _draw_forces(ax: Axes, forces: Float[np.ndarray, " 8"]) -> None:
     ax.set(yticks=place, yticklabels=CONTACTS, xlabel="contact force [N]", xlim=(0, 0.19))
     ax.invert_yaxis()
     ax.tick_params(axis="y", length=0)
-    ax.set_title("3. The forces to be read off it")
+    ax.set_title("3. Contact forces to estimate")
 
 
 @styled
 def variation() -> Figure:
-    """What may vary: the plant and its light when rendered, then all that may happen to one picture."""
+    """Variation of the plant, of the light, and of the appearance of one image."""
     exosuit = Exosuit(CONTROL_SHAPE)
     rows = {
         "plant, at 2.4 N": _varied_plants(exosuit),
@@ -258,7 +258,7 @@ def _varied_pictures(exosuit: Exosuit) -> dict[str, Panels]:
 
 
 def main() -> None:
-    """Draw every picture anew."""
+    """Draw every figure."""
     IMAGES.mkdir(exist_ok=True)
     for figure in (overview, variation):
         save(figure(), IMAGES / f"{figure.__name__}.png", dpi=200)

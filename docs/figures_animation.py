@@ -1,9 +1,8 @@
-"""The animation at the top of the README, and one picture of it as the camera sees it.
+"""The animation of the README and one of its camera images, by simulation and estimation.
 
-docs/images/animation.gif and docs/images/camera.png, simulated and estimated anew.
-
-An exosuit bends the finger while u rises and falls; beside it what the camera sees, and the forces that the
-network that comes with the package reads off it, with 90 % intervals, beside the true ones.
+Writes docs/images/animation.gif and docs/images/camera.png: an exosuit bends the finger while u rises and
+falls; beside it the camera image, the true forces, and the estimates of the shipped network with
+90 % intervals.
 """
 
 import io
@@ -21,15 +20,15 @@ from exosight.evaluation.figures.style import BLACK, ESTIMATED, GRAY, TRUE, new_
 from exosight.evaluation.metrics import CONTACTS
 from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
 from exosight.exosuit.published import published
-from exosight.mechanics import follow, stack
+from exosight.mechanics import drive, stack
 from exosight.system.camera import Camera, project
 from exosight.vision.scene import picture
 
 IMAGES = Path(__file__).parent / "images"
 TARGET, SEEN = IMAGES / "animation.gif", IMAGES / "camera.png"
-SEEN_AT = 2.4  # [N], on the way up: the load at which the paper gives a force
+SEEN_AT = 2.4  # [N], u rising: the load at which the paper gives a force
 NEAR = Camera(centre=(0.047, -0.012), metres_per_pixel=2.6e-4, width=460, height=400)
-NEWTON = 0.15  # an arrow of 1 N is so long [m]
+NEWTON = 0.15  # length of an arrow of 1 N [m]
 TOP, STEP = 3.6, 0.1  # [N]
 HOLD = 4  # frames at either end
 MILLISECONDS = 110  # a frame
@@ -39,12 +38,12 @@ Forces = Float[np.ndarray, "frames 7"]
 
 
 def simulated() -> tuple[Exosuit, np.ndarray, Pose]:
-    """The exosuit, u, and its poses on the way up and down."""
+    """The exosuit, u, and its poses with u rising and falling."""
     exosuit = Exosuit(CONTROL_SHAPE)
     up = np.arange(0.0, TOP + STEP / 2, STEP)
     u = np.concatenate([up, up[-2::-1]])
     robot = assemble(exosuit)
-    found = follow([robot], u[:, None])
+    found = drive([robot], u[:, None])
     if not found.converged.all():
         raise SystemExit("animation: a pose did not converge")
     pose = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack([robot]), found.q))
@@ -63,7 +62,7 @@ def frame(
     read: tuple[Float[np.ndarray, " 7"], ...],
     largest: float,
 ) -> Figure:
-    """One picture of the animation; `read` is estimate, lower and upper end [N]."""
+    """One frame of the animation; `read` is estimate, lower and upper end [N]."""
     figure = new_figure(height=2.75, width=8.0)
     figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02)  # type: ignore[union-attr]
     system, camera, answer = figure.subplots(1, 3, width_ratios=(1.5, 1.3, 1.5))
@@ -80,7 +79,7 @@ def frame(
     system.text(*(project(NEAR, ends[1]) + np.array([6, 4])), "0.1 N", color=TRUE, fontsize=8)
     system.set_title(f"u = {u:.1f} N", fontsize=11, fontfamily="monospace")
     show_image(camera, seen)
-    camera.set_title("what the camera sees", fontsize=10)
+    camera.set_title("camera image", fontsize=10)
 
     place = np.arange(len(CONTACTS))
     estimate, low, high = read
@@ -89,7 +88,7 @@ def frame(
     answer.hlines(place + 0.2, low, high, color=BLACK, linewidth=1)
     answer.set(yticks=place, yticklabels=CONTACTS, xlabel="contact force [N]", xlim=(0, largest))
     answer.set_title(
-        f"F_net {true.sum():.2f} N, read {estimate.sum():.2f} N", fontsize=10, fontfamily="monospace"
+        f"F_net {true.sum():.2f} N, estimated {estimate.sum():.2f} N", fontsize=10, fontfamily="monospace"
     )
     answer.invert_yaxis()
     answer.tick_params(axis="y", length=0)

@@ -1,4 +1,4 @@
-"""The pictures and tables of docs/control.md: the paper's Figs. 6 and 7 run anew, some minutes on one core.
+"""Figures and tables of docs/control.md: the paper's Figs. 6 and 7 reproduced; some minutes on one core.
 
 `python docs/figures_control.py` simulates and draws; with `--draw` it draws what docs/results holds.
 """
@@ -67,12 +67,12 @@ HERE = Path(__file__).parent
 PAGE, RESULT, IMAGES = HERE / "control.md", HERE / "results" / "control.json", HERE / "images"
 
 STIFFER = 1.2
-"""Factor on the modulus of an exosuit that is not the one tuned for."""
+"""Factor on the modulus of the exosuit that the controller was not tuned for."""
 
 PAPER = {"0.25 N": 7, "0.30 N": 5, "0.35 N": 14}
 """Steps to settle with K_P = 5."""
 PAPER_STEP = {
-    "0.1": "u reaches 1.6 N at most",
+    "0.1": "u reaches at most 1.6 N",
     "1": "u about 2.4 N, then −1 N; returns",
     "100": "stays at 0.23 N from 2.6 s on",
 }
@@ -96,16 +96,16 @@ def measure() -> dict[str, Any]:
 
     def paper(measured: Measure) -> dict[str, Any]:
         law = Proportional(STEADY_STATE_GAIN)
-        return {name: _told(run(plant, law, measured, target)) for name, target in constants.items()}
+        return {name: _trace(run(plant, law, measured, target)) for name, target in constants.items()}
 
     def ours(sense: Sense, targets: Mapping[str, np.ndarray]) -> dict[str, Any]:
         return {name: _guarded(plant, config, sense, target) for name, target in targets.items()}
 
     def without(plant: Plant, targets: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        return {n: _told(run(plant, OpenLoop(config), true_force, t)) for n, t in targets.items()}
+        return {n: _trace(run(plant, OpenLoop(config), true_force, t)) for n, t in targets.items()}
 
     def gains(measured: Measure) -> dict[str, Any]:
-        return {f"{gain:g}": _told(run(plant, Proportional(gain), measured, step)) for gain in STEP_GAINS}
+        return {f"{gain:g}": _trace(run(plant, Proportional(gain), measured, step)) for gain in STEP_GAINS}
 
     return {
         "constant": {
@@ -133,17 +133,17 @@ def measure() -> dict[str, Any]:
 
 
 def load() -> dict[str, Any]:
-    """What was measured."""
+    """The stored results."""
     return json.loads(RESULT.read_text())
 
 
 def _guarded(plant: Plant, config: ControllerConfig, sense: Sense, target: np.ndarray) -> dict[str, Any]:
     guarded = Guarded(Scheduled(config))
-    found = _told(run_guarded(plant, guarded, sense, target))
+    found = _trace(run_guarded(plant, guarded, sense, target))
     return {**found, "log": [f"step {t.step}: {t.after.value}, {t.cause}" for t in guarded.log]}
 
 
-def _told(record: Record) -> dict[str, Any]:
+def _trace(record: Record) -> dict[str, Any]:
     """A run as plain numbers."""
     response = judge_response(record.time, record.target, record.F_net_true, record.u)
     held = record.target > 0
@@ -155,7 +155,7 @@ def _told(record: Record) -> dict[str, Any]:
         "last": round(float(record.F_net_true[-1]), 4),
         "target": record.target.tolist(),
         "true": record.F_net_true.round(4).tolist(),
-        "told": record.F_net_estimated.round(4).tolist(),
+        "estimated": record.F_net_estimated.round(4).tolist(),
         "u": record.u.round(4).tolist(),
     }
 
@@ -170,7 +170,7 @@ def _jumps(path: Any) -> list[dict[str, float]]:
 
 @styled
 def constant(found: dict[str, Any]) -> Figure:
-    """F_net and u for the three constant targets, a column a controller (the paper's Fig. 6)."""
+    """F_net and u for the three constant targets, one column per controller (the paper's Fig. 6)."""
     columns = (LAW, LAW_IMAGE, OPEN_WRONG, OURS_OWN)
     figure = new_figure(height=3.6)
     panels = figure.subplots(2, len(columns), sharex=True, sharey="row", height_ratios=(3, 2))
@@ -185,7 +185,7 @@ def constant(found: dict[str, Any]) -> Figure:
 
 @styled
 def steps(found: dict[str, Any]) -> Figure:
-    """F_net and u while 0.2 N is held for 10 s and then dropped, a column a controller (Fig. 7)."""
+    """F_net and u while 0.2 N is held for 10 s and then released, one column per controller (Fig. 7)."""
     columns = (LAW, LAW_IMAGE, OPEN_WRONG, OURS_OWN)
     figure = new_figure(height=3.6)
     panels = figure.subplots(2, len(columns), sharex=True, sharey="row", height_ratios=(3, 2))
@@ -196,7 +196,7 @@ def steps(found: dict[str, Any]) -> Figure:
             _draw(above, below, trace, colour, at_back=label == "100")
         above.set_title(name.replace(", ", "\n", 1))
         below.set_xlabel("time [s]")
-    panels[0, 0].set_ylim(-0.02, 0.45)  # K_P = 100 leaves it
+    panels[0, 0].set_ylim(-0.02, 0.45)  # K_P = 100 exceeds it
     _finish(figure, panels, [f"K_P = {gain}" for gain in found[LAW]])
     return figure
 
@@ -206,7 +206,7 @@ def _draw(above: Any, below: Any, trace: dict[str, Any], colour: str, at_back: b
     width = 0.6 if at_back else 1.2
     above.plot(time, trace["target"], color=GRAY, linewidth=0.8, linestyle="--", drawstyle="steps-post")
     above.plot(time, trace["true"], color=colour, linewidth=width, zorder=z)
-    above.plot(time, trace["told"], color=colour, linestyle=":", linewidth=width, zorder=z)
+    above.plot(time, trace["estimated"], color=colour, linestyle=":", linewidth=width, zorder=z)
     below.plot(time, trace["u"], color=colour, linewidth=width, zorder=z)
 
 
@@ -221,7 +221,7 @@ def _finish(figure: Figure, panels: np.ndarray, names: list[str]) -> None:
         Line2D([], [], color=BLACK, linestyle=":"),
         Line2D([], [], color=GRAY, linestyle="--", linewidth=0.8),
     ]
-    legend_above(figure, keys, [*names, "true", "told to the controller", "target"])
+    legend_above(figure, keys, [*names, "true", "input to the controller", "target"])
 
 
 def tables(found: dict[str, Any]) -> dict[str, str]:
@@ -250,9 +250,9 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                 ]
             )
     jumps = [
-        [way, f"{jump['u']:.3f}", f"{jump['before']:.3f}", f"{jump['after']:.3f}"]
-        for way in ("up", "down")
-        for jump in found["jumps"][way]
+        [f"u {way}", f"{jump['u']:.3f}", f"{jump['before']:.3f}", f"{jump['after']:.3f}"]
+        for way, name in (("rising", "up"), ("falling", "down"))
+        for jump in found["jumps"][name]
     ]
     return {
         "constant": table_of(
@@ -263,12 +263,12 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                 "controller and sensor",
                 "steps to settle at 0.2 N",
                 "largest and smallest u [N]",
-                "time from the drop until F_net < 5 mN [s]",
-                "F_net in the end [N]",
+                "time from the release until F_net < 5 mN [s]",
+                "final F_net [N]",
             ],
             rows,
         ),
-        "jumps": table_of(["way", "u [N]", "F_net before [N]", "F_net after [N]"], jumps),
+        "jumps": table_of(["path", "u [N]", "F_net before [N]", "F_net after [N]"], jumps),
     }
 
 
@@ -278,8 +278,8 @@ def _settled(trace: dict[str, Any]) -> str:
     held = sum(force > 0 for force in trace["target"])
     late = np.array(trace["true"][held - held // 4 : held])
     if trace["ripple"] < 0.01:
-        return "rests off target"
-    return "still on its way" if (np.diff(late) >= 0).all() else f"swings by {trace['ripple']:.2f} N"
+        return "steady-state error"
+    return "not settled" if (np.diff(late) >= 0).all() else f"oscillates by {trace['ripple']:.2f} N"
 
 
 def _percent(trace: dict[str, Any]) -> str:
@@ -287,7 +287,7 @@ def _percent(trace: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Simulate unless told to draw only, and write pictures and page."""
+    """Simulate, unless `--draw` is given; write figures and page."""
     if "--draw" not in sys.argv[1:]:
         RESULT.write_text(json.dumps(measure()) + "\n")
     found = load()

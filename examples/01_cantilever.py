@@ -1,13 +1,13 @@
-"""A cantilever bent by a dead force at its tip, against the elastica.
+"""A cantilever bent by a dead force at its tip, compared with the elastica.
 
-A straight rod is clamped at its base and carries a transverse force P at its tip, which keeps its direction
-while the rod bends. For a rod that can neither stretch nor shear the shape is known exactly through elliptic
+A straight rod is clamped at its base and loaded by a transverse force P of constant direction at its
+tip. For an inextensible, unshearable rod the shape is given exactly by elliptic
 integrals and depends on P L²/EI alone (K. E. Bisshopp and D. C. Drucker, Large deflection of cantilever
 beams, Quarterly of Applied Mathematics 3, 1945). Here the rod is silicone, 30 cm long and 2 cm thick, with
-its curvature on four quadratic elements: nine coordinates.
+its curvature on four quadratic elements (nine coordinates).
 
-The figure shows the rod's shapes for P L²/EI = 0…10, and the position of its tip over the load, on top of
-the exact solution. The number is the tip's deflection over the length at P L²/EI = 10; the exact one is
+The figure shows the rod's shapes for P L²/EI = 0…10, and the position of its tip over the load, with the
+exact solution. The printed number is the tip's deflection over the length at P L²/EI = 10; the exact value is
 0.810609.
 """
 
@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from exosight.mechanics import Circular, DeadForce, Gauss, NodalQuadratic, Robot, Rod, follow, walk
+from exosight.mechanics import Circular, DeadForce, Gauss, NodalQuadratic, Robot, Rod, drive, walk
 
 LENGTH, RADIUS, YOUNG = 0.3, 0.01, 1e6
 BLUE, ORANGE, GRAY = "#0072B2", "#E69F00", "#999999"
@@ -60,7 +60,7 @@ def main(folder: Path = Path("results/01_cantilever")) -> float:
     alpha = np.linspace(0.0, 10.0, 11)
     robot = cantilever(elements=4)
     stiffness = YOUNG * np.pi * RADIUS**4 / 4
-    found = follow([robot], alpha[:, None] * stiffness / LENGTH**2)
+    found = drive([robot], alpha[:, None] * stiffness / LENGTH**2)
     poses = eqx.filter_jit(jax.vmap(lambda q: walk(robot, q).pose))(found.q[0])
     shapes = np.asarray(poses[:, :, [0, 2], 3]) / LENGTH  # (loads, points, 2)
 

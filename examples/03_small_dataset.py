@@ -1,14 +1,14 @@
-"""A small dataset: what is simulated, what is left out, and what a network gets to see.
+"""A small dataset: simulated frames, dropped frames, images and labels.
 
 One exosuit of each of the publication's eleven scenarios (Learning User Interaction Forces using Vision for
-a Soft Finger Exosuit) is driven from 0 to 4 N and back, fifty frames each. Every frame is an image with its
-seven true forces. The frames go to disk once, with a manifest that says how they were made, and are read
-back from there.
+a Soft Finger Exosuit) is actuated from 0 to 4 N and back, fifty frames each. Every frame is an image with its
+seven true forces. The frames are written to disk, with a manifest that contains the configuration, and read
+back.
 
-The figure shows, for each exosuit, the frame in which it presses hardest, with the forces on C1…C7 below, and
-how many frames were kept. Thin exosuits roll up like a fern under 4 N; where the rod would pass through
-itself, which the model does not prevent, the frame is left out. The number is the share of frames kept, in
-percent. (The publication keeps 95 % of its frames; it does not say that it looks for such crossings.)
+The figure shows, for each exosuit, the frame with the largest F_net, with the forces on C1…C7 below, and
+the number of frames kept. Thin exosuits roll up under 4 N; frames in which the rod crosses
+itself, which the model does not prevent, are dropped. The printed number is the share of frames kept, in
+percent. (The publication keeps 95 % of its frames; it does not mention a test for such crossings.)
 """
 
 from pathlib import Path

@@ -1,15 +1,15 @@
-"""A closed loop: a controller that presses on a finger with 0.25 N.
+"""Closed-loop control of F_net to 0.25 N.
 
 The exosuit of the publication's controller (Learning User Interaction Forces using Vision for a Soft Finger
-Exosuit) starts at rest, without force. Ten times a second the law u_k = u_{k−1} + K_P e_k with K_P = 5
+Exosuit) starts at u = 0, without force. Ten times a second the law u_k = u_{k−1} + K_P e_k with K_P = 5
 changes the actuation by five times the error e, target minus measured F_net. The measured force is the true
-one here, a perfect sensor, so nothing needs to be trained; with a network it would be
-`from_image(OnnxEstimator.load(path))` instead of `true_force`.
+one here, a perfect sensor, so no network is needed; with a network, replace `true_force` by
+`from_image(OnnxEstimator.load(path))`.
 
-The figure shows what the camera sees, the force on its way to the target, and the actuation that brings it
-there. The first step bends the exosuit onto the finger, each one after it leaves about half of the error, and
+The figure shows camera images, the force and the actuation over time. The first step bends the exosuit onto
+the finger, each further step halves the error approximately, and
 after five steps the force stays within 5 % of the target (the publication's camera loop takes seven). The
-number is the actuation that holds 0.25 N, in newtons.
+printed number is the steady-state actuation at 0.25 N, in newtons.
 """
 
 from pathlib import Path

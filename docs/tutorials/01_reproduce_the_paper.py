@@ -2,17 +2,17 @@
 Reproduce the paper
 ===================
 
-The published system, link by link: the force that its text states, images with known forces, the network that
-reads them, what noise does to it, and the closed loop. ``exosight study --preset paper`` does the same with
-all 1375 shapes and both networks in hours; here are eleven shapes, and the network that comes with exosight.
+The published system step by step: the force that its text states, images with known forces, estimation by a
+network, robustness to noise, and the closed loop. ``exosight study --preset paper`` does the same with all
+1375 shapes and both networks in hours; this tutorial uses eleven shapes and the shipped network.
 """
 
 # %%
-# One force that the text states
-# ------------------------------
+# The force stated in the text
+# ----------------------------
 #
-# The exosuit of the paper's controller tapers from 1 cm to 0.5 cm over 9.5 cm. At u = 2.4 N the text reads
-# F_net = 0.2 N, the sum of the contact forces on C1 to C7. Every load is approached from rest, as there.
+# The exosuit of the paper's controller tapers from 1 cm to 0.5 cm over 9.5 cm. At u = 2.4 N the text states
+# F_net = 0.2 N, the sum of the contact forces on C1 to C7. Loads increase from 0, as there.
 
 import tempfile
 from pathlib import Path
@@ -32,8 +32,8 @@ for u, pose_force, ok in zip(found.u, found.pose.net_force, found.equilibria.con
 # Images with known forces
 # ------------------------
 #
-# One exosuit of each of the eleven scenarios, driven 0 → 4 → 0 N. The paper has 125 of each and 50 frames a
-# path. Frames whose rod crosses itself, or whose tip lies below the fingertip, are dropped and counted.
+# One exosuit of each of the eleven scenarios, actuated 0 → 4 → 0 N. The paper has 125 of each and 50 frames
+# per path. Frames whose rod crosses itself, or whose tip lies below the fingertip, are dropped and counted.
 
 from exosight.dataset import read_frames
 from exosight.dataset.generation import GenerateConfig, generate
@@ -53,11 +53,11 @@ strip = pose_strip(
 )
 
 # %%
-# The forces, read off the images
-# -------------------------------
+# Estimated forces
+# ----------------
 #
-# The network has met none of these exosuits. Beside it stand the paper's numbers, whose split is by frame:
-# nearly the same image of one exosuit may lie on both sides there.
+# None of these exosuits was used in training. The paper's numbers are printed for comparison; its split is by
+# frame: nearly identical images of one exosuit may occur in both training and test set.
 
 from exosight.control import OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL
@@ -74,8 +74,8 @@ for ours, paper in zip(scores.contacts, CONTACTS_PUBLISHED, strict=True):
 clouds = predicted_against_true(frames.schema, frames.labels, estimated)
 
 # %%
-# On degraded images
-# ------------------
+# Robustness to noise
+# -------------------
 #
 # Gaussian noise as MATLAB's ``imnoise`` adds it, on every third frame.
 
@@ -87,11 +87,11 @@ for name in ("noise-low", "noise-medium", "noise-high"):
     print(f"{name:13s} mean r {noisy.r.mean:.3f}, mean RMSE {noisy.rmse.mean:.4f} N")
 
 # %%
-# The loop, closed through the camera
-# -----------------------------------
+# Closed-loop control
+# -------------------
 #
-# The paper's law u_k = u_{k−1} + K_P e_k with K_P = 5, ten times a second. The paper settles at 0.25 N
-# after 7 steps.
+# The paper's law u_k = u_{k−1} + K_P e_k with K_P = 5, ten times a second, with the network as sensor. In the
+# paper it settles at 0.25 N after 7 steps.
 
 from exosight.control import Proportional, from_image, hold, judge_response, run
 from exosight.control.simulated import SimulatedPlant
@@ -103,8 +103,8 @@ print(f"settled within 5 % after {response.settling_steps:.0f} steps")
 print(f"F_net at the end: true {record.F_net_true[-1]:.3f} N, estimated {record.F_net_estimated[-1]:.3f} N")
 
 # %%
-# To do it all
-# ------------
+# The complete study
+# ------------------
 #
-# ``exosight study --preset quick --out results/quick`` takes minutes, ``--preset paper`` hours; either ends
-# in one HTML report with the paper's tables and figures beside its own.
+# ``exosight study --preset quick --out results/quick`` takes minutes, ``--preset paper`` hours; both write
+# one HTML report with the paper's tables and figures beside their own.

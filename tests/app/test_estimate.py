@@ -11,7 +11,7 @@ from exosight.app.main import main
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
 from exosight.exosuit.shapes import ExosuitShape, Linear
-from exosight.mechanics import follow, stack
+from exosight.mechanics import drive, stack
 from exosight.system.camera import Camera
 from exosight.vision.ood_images import draw_ood_images
 from exosight.vision.scene import picture
@@ -24,7 +24,7 @@ SHAPE = ExosuitShape(Linear(r0=0.01, r1=0.005), length=0.095)
 def frames() -> tuple[np.ndarray, Pose]:
     exosuit = Exosuit(SHAPE)
     robot = assemble(exosuit)
-    found = follow([robot], np.linspace(0, 2.4, 13)[:, None])
+    found = drive([robot], np.linspace(0, 2.4, 13)[:, None])
     pose = observe(stack([robot]), found.q)
     own = Pose(*(np.asarray(getattr(pose, name))[0] for name in Pose.__dataclass_fields__))
     return picture(exosuit, own, Camera()), own

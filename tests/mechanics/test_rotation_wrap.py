@@ -17,9 +17,9 @@ from exosight.mechanics import (
     evolve,
     walk,
 )
+from exosight.mechanics.equation_of_motion import spatial_inertia
 from exosight.mechanics.joint import Joint
 from exosight.mechanics.rotation_wrap import wrap_rotations
-from exosight.mechanics.timestep import spatial_inertia
 
 G = 9.81
 INERTIA = np.diag([0.01, 0.02, 0.025])

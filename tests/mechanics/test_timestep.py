@@ -24,7 +24,7 @@ from exosight.mechanics import (
     walk,
 )
 from exosight.mechanics.energy import damping
-from exosight.mechanics.timestep import spatial_inertia
+from exosight.mechanics.equation_of_motion import spatial_inertia
 
 
 def thrown(gravity: float) -> Robot:

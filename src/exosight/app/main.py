@@ -16,6 +16,7 @@ from exosight import __version__
 from exosight.errors import ExosightError, InputError
 
 COMMANDS = {
+    "system": "what is simulated: presets, and files of your own",
     "simulate": "equilibria of one exosuit under given loads",
     "generate": "a dataset of labelled images from simulation",
     "train": "a network from a dataset",

@@ -3,9 +3,10 @@
 from pathlib import Path
 
 from exosight.errors import InputError
-from exosight.exosuit.published import NAME, PublishedDesigns
+from exosight.exosuit.published import NAME, PublishedDesigns, published
 from exosight.system.designs import DesignSet, FileDesigns
 from exosight.system.file import read_system_file
+from exosight.system.system import System
 
 PRESETS: dict[str, str] = {
     NAME: "the paper's finger and exosuits: eight spheres, one pressure line, one camera"
@@ -26,3 +27,12 @@ def find_system(name: str) -> DesignSet:
     raise InputError(
         f"system: expected {', '.join(PRESETS)} or a file *.toml, got {name!r}; see exosight system list"
     )
+
+
+def nominal_system(name: str) -> System:
+    """The system that a preset stands for (its Table I exosuit), or that a file describes without variation.
+
+    Raises what `find_system` raises.
+    """
+    designs = find_system(name)
+    return designs.build(designs.nominal()) if isinstance(designs, FileDesigns) else published()

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from exosight.exosuit.assembly import Exosuit, assemble
 from exosight.lab.settings import LARGEST, STEP
-from exosight.mechanics import Robot, SolverOptions, follow, stack
+from exosight.mechanics import Robot, SolverOptions, State, drive, stack
 
 TOP = round(LARGEST / STEP)
 """Largest actuation, in steps."""
@@ -52,17 +52,23 @@ class _Branch:
     """The way from one turn to the end of the range.
 
     rises    whether to the upper end
-    start    coordinates at the turn
+    turn     where it starts [steps]
+    start    coordinates there
     loads    every multiple of STRIDE after it, in the order of the way [steps]
     solved   coordinates at the loads so far, and whether they are at rest
     between  the same at steps between two loads
     """
 
     rises: bool
+    turn: int
     start: np.ndarray
     loads: list[int]
     solved: list[tuple[np.ndarray, bool]] = field(default_factory=list)
     between: dict[int, tuple[np.ndarray, bool]] = field(default_factory=dict)
+
+    def last(self, solved: int) -> tuple[int, np.ndarray]:
+        """Where it is once so many of its loads are solved: the load [steps], and coordinates."""
+        return (self.loads[solved - 1], self.solved[solved - 1][0]) if solved else (self.turn, self.start)
 
     def until(self, goal: int) -> int:
         """How many of its loads come before a step on it, or are the step."""
@@ -98,18 +104,17 @@ class CachedExosuit:
         needed = branch.until(goal)
         while len(branch.solved) < needed:
             piece = branch.loads[len(branch.solved) : len(branch.solved) + _PIECE]
-            branch.solved += self._follow(branch.solved[-1][0] if branch.solved else branch.start, piece)
+            branch.solved += self._follow(*branch.last(len(branch.solved)), piece)
         if goal % STRIDE == 0:
             return branch.solved[needed - 1]
         if goal not in branch.between:
-            branch.between[goal] = self._follow(
-                branch.solved[needed - 1][0] if needed else branch.start, [goal]
-            )[0]
+            branch.between[goal] = self._follow(*branch.last(needed), [goal])[0]
         return branch.between[goal]
 
-    def _follow(self, start: np.ndarray, loads: Sequence[int]) -> list[tuple[np.ndarray, bool]]:
+    def _follow(self, at: int, start: np.ndarray, loads: Sequence[int]) -> list[tuple[np.ndarray, bool]]:
         u = STEP * np.array(loads, float)[:, None]
-        found = follow([self.robot], u, q=start[None], options=_ENOUGH, snaps=False)
+        state = State(start[None], np.array([[STEP * at]], float))
+        found = drive([self.robot], u, state=state, options=_ENOUGH)
         return list(zip(np.asarray(found.q[0]), found.converged[0].tolist(), strict=True))
 
     def _branch(self, drive: Steps) -> _Branch:
@@ -120,7 +125,9 @@ class CachedExosuit:
             start = self._solve(before)[0] if before else np.zeros(self.robot.dofs)
             first = before[-1] if before else -1
             way = range(first + 1, TOP + 1) if rises else range(first - 1, -1, -1)
-            branch = self._branches[key] = _Branch(rises, start, [k for k in way if k % STRIDE == 0])
+            branch = self._branches[key] = _Branch(
+                rises, max(first, 0), start, [k for k in way if k % STRIDE == 0]
+            )
             while len(self._branches) > _BRANCHES:
                 self._branches.popitem(last=False)
         self._branches.move_to_end(key)

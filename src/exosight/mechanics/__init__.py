@@ -1,14 +1,14 @@
 """Soft and rigid multibody mechanics from one scalar: the potential energy of a kinematic tree.
 
-basis, quadrature, section   what a rod is made of: strain functions, points, stiffness
-joint, link, rod, robot      the parts and their tree
-kinematics                   the one walk down the tree: poses, Jacobians, and the way back
-energy                       what an energy term is, and the terms of rods, joints and weight
-contact, actuation           spheres that press on each other; pressure and cables along a line
-loads, bushing               weight, wrenches, spread forces, torques; springs between frames that close loops
-equilibrium                  stable minima of the energy, followed along a load path
-batched_stepping             many robots a step further at a time, each to loads of its own
-dynamics                     motion in time under the same energies
+basis, quadrature, section   components of a rod: strain functions, points, stiffness
+joint, link, rod, robot      bodies and their tree
+kinematics                   forward kinematics of the tree: poses, Jacobians; pull-back of wrenches
+energy                       the potential: elasticity, joint limits, sum of the terms
+contact, actuation           contact of spheres; pressure and cables along a line
+loads, bushing               weight, wrenches, distributed forces, torques; springs that close loops
+equilibrium                  stable minima of the energy: options and results
+quasistatic                  the driver: states under slowly changing loads, many robots at a time
+dynamics                     motion in time: equation_of_motion, stepped by timestep
 """
 
 from exosight.mechanics.actuation import PressureLine, helix, straight
@@ -23,12 +23,12 @@ from exosight.mechanics.basis import (
     NodalLinear,
     NodalQuadratic,
 )
-from exosight.mechanics.batched_stepping import BatchStep, step_batch
+from exosight.mechanics.batched_continuation import Snap
 from exosight.mechanics.bushing import Bushing
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.dynamics import MotionOptions, Trajectories, evolve
 from exosight.mechanics.energy import potential
-from exosight.mechanics.equilibrium import Equilibria, SolverOptions, follow, stack
+from exosight.mechanics.equilibrium import Equilibria, SolverOptions, stack
 from exosight.mechanics.joint import (
     Cylindrical,
     Fixed,
@@ -45,15 +45,14 @@ from exosight.mechanics.kinematics import Motion, walk
 from exosight.mechanics.link import Link
 from exosight.mechanics.loads import DeadForce, DistributedForce, Gravity, JointTorque, PointWrench
 from exosight.mechanics.quadrature import Gauss
+from exosight.mechanics.quasistatic import State, advance, drive, initial_state, locate_snaps
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.section import Circular, Elliptic, Rectangular, Section
 from exosight.mechanics.sensitivity import differentiable
-from exosight.mechanics.snap import Snap, locate_snaps
 from exosight.mechanics.term import Configuration, Term
 
 __all__ = [
-    "BatchStep",
     "Bushing",
     "Chebyshev",
     "Circular",
@@ -94,13 +93,16 @@ __all__ = [
     "SolverOptions",
     "SphereContact",
     "Spherical",
+    "State",
     "Term",
     "Trajectories",
     "Universal",
+    "advance",
     "differentiable",
+    "drive",
     "evolve",
-    "follow",
     "helix",
+    "initial_state",
     "locate_snaps",
     "potential",
     "stack",

@@ -1,7 +1,7 @@
 """Motion in time, many robots at a time.
 
-The same energies as in statics, with inertia and viscosity, in implicit steps of fourth order (`timestep`)
-that follow a tolerance.
+The same energies as in statics, with inertia and viscosity (`equation_of_motion`), in implicit steps of
+fourth order that follow a tolerance (`timestep`).
 """
 
 import os
@@ -9,17 +9,19 @@ from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import lru_cache
+from threading import Event
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
+from exosight.mechanics.integration_state import IntegrationState, Interval, begin
 from exosight.mechanics.robot import Robot
-from exosight.mechanics.timestep import IntegrationState, Interval, begin, next_step, time_stepper
+from exosight.mechanics.step_control import StepLimits
+from exosight.mechanics.timestep import TABLEAU, integrate
 
 
 @dataclass(frozen=True)
@@ -108,54 +110,69 @@ def evolve(
     times, loads, starts = _checked(robots, times, loads, q, velocity)
     lanes = min(options.lanes, 1 << (len(robots) - 1).bit_length())
     groups = [range(i, min(i + lanes, len(robots))) for i in range(0, len(robots), lanes)]
-    stopped = []
+    stopped = Event()
 
     def work(group: range) -> IntegrationState:
-        rows = [group[min(i, len(group) - 1)] for i in range(lanes)]
-        leaves = [np.stack(parts) for parts in zip(*(_leaves(robots[i]) for i in rows), strict=True)]
-        states = [begin(times[0], starts[0, i], starts[1, i], loads.shape[1]) for i in rows]
-        state = jax.tree.map(lambda *parts: np.stack(parts), *states)
-        advance = _compiled(jax.tree.structure(robots[0]))
-        adaptive = np.array(options.step is None)
-        largest = np.inf if options.step is None else options.step
-        found = []
-        for k, until in enumerate(times):
-            at = max(k - 1, 0)  # at the first time, only the acceleration and the energies are found
-            interval = Interval(times[at], times[at + 1], loads[at], loads[at + 1])
-            state = advance(
-                leaves, state, interval, until, options.tolerance, largest, adaptive, options.max_steps
+        rows = [group[min(i, len(group) - 1)] for i in range(lanes)]  # the last one again in idle lanes
+        states = _integrated([robots[i] for i in rows], times, loads, starts[:, rows], options, stopped)
+        if np.any(states.failed[: len(group), 0]):
+            number = group[int(np.argmax(states.failed[: len(group), 0]))]
+            raise InputError(
+                f"robots[{number}]: no finite acceleration at the start: some coordinate moves no "
+                "mass; give links mass or inertia, rods a density"
             )
-            found.append(jax.tree.map(np.asarray, state))
-            if not k and np.any(found[0].failed):
-                number = group[min(int(np.argmax(found[0].failed)), len(group) - 1)]
-                raise InputError(
-                    f"robots[{number}]: no finite acceleration at the start: some coordinate moves no "
-                    "mass; give links mass or inertia, rods a density"
-                )
-            if stopped:
-                break
         done(len(group))
-        return jax.tree.map(lambda *parts: np.stack(parts, axis=1)[: len(group)], *found)
+        return jax.tree.map(lambda x: x[: len(group)], states)
 
     with ThreadPoolExecutor(max_workers=min(os.cpu_count() or 1, len(groups))) as pool:
         try:
             parts = [future.result() for future in [pool.submit(work, group) for group in groups]]
         except BaseException:  # Ctrl-C too: the pool waits for its threads
-            stopped.append(True)
+            stopped.set()
             raise
     state = jax.tree.map(lambda *parts: np.concatenate(parts), *parts)
     return Trajectories(
         time=times,
         q=state.q,
         velocity=state.v,
-        kinetic=state.kinetic,
-        potential=state.potential,
-        dissipated=state.dissipated,
-        supplied=state.supplied,
+        **state.energies._asdict(),
         steps=state.steps,
         rejected=state.rejected,
         converged=~state.failed,
     )
+
+
+def _integrated(
+    robots: Sequence[Robot],
+    times: Float[np.ndarray, " times"],
+    loads: Float[np.ndarray, "times channels"],
+    starts: Float[np.ndarray, "2 robots dofs"],
+    options: MotionOptions,
+    stopped: Event,
+) -> IntegrationState:
+    """The states (robots, times, …) of robots side by side.
+
+    They end early where one of them fails to start, or once `stopped` is set.
+    """
+    leaves = [np.stack(parts) for parts in zip(*(_leaves(robot) for robot in robots), strict=True)]
+    states = [begin(times[0], q, v, loads.shape[1], TABLEAU.stages) for q, v in zip(*starts, strict=True)]
+    state = jax.tree.map(lambda *parts: np.stack(parts), *states)
+    limits = StepLimits(
+        tolerance=np.array(options.tolerance),
+        largest=np.array(np.inf if options.step is None else options.step),
+        adaptive=np.array(options.step is None),
+        max_steps=np.array(options.max_steps),
+    )
+    compiled = _compiled(jax.tree.structure(robots[0]))
+    found = []
+    for k, until in enumerate(times):
+        at = max(k - 1, 0)  # at the first time, only the acceleration and the energies are found
+        interval = Interval(times[at], times[at + 1], loads[at], loads[at + 1])
+        state = compiled(leaves, state, interval, until, limits)
+        found.append(jax.tree.map(np.asarray, state))
+        if stopped.is_set() or (not k and np.any(found[0].failed)):
+            break
+    return jax.tree.map(lambda *parts: np.stack(parts, axis=1), *found)
 
 
 def _checked(
@@ -204,28 +221,9 @@ def _compiled(structure: Hashable) -> Callable:
         state: IntegrationState,
         interval: Interval,
         until: Array,
-        tolerance: Array,
-        largest: Array,
-        adaptive: Array,
-        most: Array,
+        limits: StepLimits,
     ) -> IntegrationState:
-        robot = jax.tree.unflatten(structure, leaves)
-        step = time_stepper(robot, interval, tolerance, largest, adaptive)
-        limit = state.steps + state.rejected + most
+        return integrate(jax.tree.unflatten(structure, leaves), state, interval, until, limits)
 
-        def going(state: IntegrationState) -> Array:
-            return jnp.logical_and((state.time < until) | (state.stage == 0), ~state.failed)
-
-        def further(state: IntegrationState) -> IntegrationState:
-            state = step(state)
-            return state._replace(
-                failed=state.failed | (state.steps + state.rejected >= limit) & (state.time < until)
-            )
-
-        state = state._replace(
-            step=next_step(state.time, jnp.minimum(state.wanted, largest), state.touch, interval)
-        )
-        return jax.lax.while_loop(going, further, state)
-
-    batched = jax.vmap(one, in_axes=(0, 0, *[None] * 6))
+    batched = jax.vmap(one, in_axes=(0, 0, None, None, None))
     return jax.jit(batched, compiler_options={"xla_cpu_multi_thread_eigen": False})

@@ -97,16 +97,21 @@ class FileDesigns:
         self.families = (nominal.name,)
         self.camera = nominal.camera()
         self.filters: Mapping[str, Filter] = {}
-        for place, table in enumerate(self._description.vary):
+        for place, table in enumerate(self.varied):
             at_place(f"vary.{place}", _limits, table)
-            if table.entry in [before.entry for before in self._description.vary[:place]]:
+            if table.entry in [before.entry for before in self.varied[:place]]:
                 raise InputError(f"vary.{place}: {table.entry} varies already")
         # All at once; one by one only to find which of them it was.
         if not all(self._fits(share, nominal) for share in SHARES):
-            for place, table in enumerate(self._description.vary):
+            for place, table in enumerate(self.varied):
                 for share in SHARES:
                     at_place(f"vary.{place}", self._check_fit, table, share, nominal)
             raise InputError("vary: expected limits that all entries can be at together, got others")
+
+    @property
+    def varied(self) -> tuple[VaryTable, ...]:
+        """What differs from design to design, as the file says it."""
+        return self._description.vary
 
     def nominal(self) -> Design:
         """The design that the file describes."""
@@ -126,7 +131,7 @@ class FileDesigns:
     def build(self, design: Design) -> System:
         """The system of the file with the design's entries in the place of its own."""
         values = self.values
-        varied = {table.entry for table in self._description.vary}
+        varied = {table.entry for table in self.varied}
         for entry, value in design.parameters.items():
             if entry not in varied:
                 raise InputError(f"design {design.number}: {entry} does not vary in {self.name}")
@@ -146,13 +151,12 @@ class FileDesigns:
 
     def _design(self, number: int, seed: int) -> Design:
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
-        varied = self._description.vary
-        return Design(number, 0, 0, {table.entry: _between(table, random.random()) for table in varied})
+        return Design(number, 0, 0, {table.entry: _between(table, random.random()) for table in self.varied})
 
     def _fits(self, share: float, nominal: System) -> bool:
         """Whether the file describes a system like the nominal one when every entry is at this share."""
         try:
-            entries = {table.entry: _between(table, share) for table in self._description.vary}
+            entries = {table.entry: _between(table, share) for table in self.varied}
             return _alike(self.build(Design(0, 0, 0, entries)), nominal)
         except InputError:
             return False

@@ -1,0 +1,119 @@
+"""`exosight system`: descriptions of systems, listed, shown, begun and checked."""
+
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from exosight.app.commands.options import Json, MaybePath
+from exosight.app.console import check_json_target, say, show, waiting, write_json
+from exosight.app.output import check_new_file
+from exosight.errors import InputError
+from exosight.evaluation.tables import Column, Table
+from exosight.files import write_new_file
+
+Action = Annotated[
+    Literal["list", "show", "new", "check"], tyro.conf.Positional, tyro.conf.arg(help_behavior_hint="")
+]
+Which = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME|FILE", help_behavior_hint="")]
+
+
+def system(action: Action, name: Which = None, plot: MaybePath = None, json: Json = None) -> None:
+    """List, show, begin or check descriptions of systems: what is simulated, actuated, sensed and seen.
+
+    A system is a preset of this package or a file of your own; docs/systems.md says what stands in one.
+
+    Examples:
+      exosight system list
+      exosight system show published
+      exosight system new my.toml
+      exosight system check my.toml
+      exosight system show my.toml --plot my.png
+
+    Args:
+        action: list the presets; show a system part by part; write a new file to start from; check
+            a file and say in one sentence what is wrong in it and where
+        name: the preset or file; for new, the file to write
+        plot: of show: draw the unloaded system and what its cameras see, to a new PNG file
+        json: of list and show: write what is shown as JSON to a new file, or to stdout with "-"
+    """
+    if (name is None) != (action == "list"):
+        raise InputError(f"system {action}: expected {'no name' if name else 'a preset or a file after it'}")
+    for option, value, actions in (("--plot", plot, ("show",)), ("--json", json, ("list", "show"))):
+        if value is not None and action not in actions:
+            raise InputError(f"{option}: it has no effect with {action}; see exosight system --help")
+    check_json_target(json)
+    if action == "list":
+        _list(json)
+    elif action == "new":
+        _new(Path(name or ""))
+    elif action == "check":
+        _check(name or "")
+    else:
+        _show(name or "", plot, json)
+
+
+def _list(json: str | None) -> None:
+    from exosight.exosuit.catalogue import PRESETS
+
+    if json is not None:
+        write_json({"presets": PRESETS}, json)
+        return
+    rows = tuple(PRESETS.items())
+    show(Table("presets", "Systems of this package", (Column("name"), Column("what it is")), rows))
+    say("a system of your own: exosight system new FILE.toml")
+
+
+def _new(path: Path) -> None:
+    if path.suffix != ".toml":
+        raise InputError(f"system new: expected a file *.toml, got {str(path)!r}")
+    check_new_file(path)
+    write_new_file(path, (files("exosight.system") / "template.toml").read_bytes())
+    say(f"wrote {path}; change it, then exosight system check {path}")
+
+
+def _check(name: str) -> None:
+    from exosight.exosuit.catalogue import find_system
+
+    schema = find_system(name).schema
+    parts = (
+        _count(len(schema.channels), "channel"),
+        _count(len(schema.sensors), "sensor"),
+        f"{len(schema.outputs)} of them estimated from images",
+        _count(len(schema.cameras), "camera"),
+    )
+    print(f"ok: {schema.system}: {', '.join(parts)}")
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+
+
+def _show(name: str, plot: Path | None, json: str | None) -> None:
+    from exosight.app.system_tables import system_tables
+    from exosight.exosuit.catalogue import find_system, nominal_system
+    from exosight.system.designs import FileDesigns
+    from exosight.system.schema import schema_to_dict
+
+    if plot is not None:
+        if plot.suffix != ".png":
+            raise InputError(f"--plot: expected a file *.png, got {str(plot)!r}")
+        check_new_file(plot)
+    designs = find_system(name)
+    varied = designs.varied if isinstance(designs, FileDesigns) else ()
+    nominal = nominal_system(name)
+    tables = system_tables(nominal, varied)
+    if plot is not None:
+        from exosight.app.system_figure import system_figure
+
+        with waiting("drawing"):
+            picture = system_figure(nominal)
+        write_new_file(plot, picture)
+        say(f"wrote {plot}")
+    if json is None:
+        for table in tables:
+            show(table)
+        return
+    parts = {table.name: table.records() for table in tables}
+    write_json({"schema": schema_to_dict(nominal.schema), "parts": parts}, json)

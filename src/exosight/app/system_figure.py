@@ -1,0 +1,99 @@
+"""A system without load, drawn in the x–z plane with its zones named, and what its cameras see."""
+
+import io
+
+import jax.numpy as jnp
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+from scipy.spatial import ConvexHull
+
+from exosight.evaluation.figures.style import styled
+from exosight.mechanics import PressureLine, walk
+from exosight.mechanics.kinematics import Motion
+from exosight.mechanics.robot import Robot
+from exosight.system.sensors import ContactForce
+from exosight.system.surfaces import SphereSurface, TubeSurface
+from exosight.system.system import System
+from exosight.vision.renderer import Tube, render
+
+MOST_VIEWS = 3
+"""Cameras shown; a figure of more cannot be read."""
+
+MM = 1e3
+
+
+@styled
+def system_figure(system: System) -> bytes:
+    """A PNG of the unloaded system; lengths in mm."""
+    robot = system.robot
+    motion = walk(robot, jnp.zeros(robot.dofs))
+    cameras = system.cameras[:MOST_VIEWS]
+    figure = Figure(figsize=(7.5 + 3.2 * len(cameras), 4.2), layout="constrained")
+    grid = figure.add_gridspec(1, 1 + len(cameras), width_ratios=[7, *[3] * len(cameras)])
+    _draw(figure.add_subplot(grid[0]), system, robot, motion)
+    tubes = [
+        Tube(np.asarray(tube.axis(robot, motion))[None], np.asarray(tube.radius)[None], tube.shade)
+        for tube in system.tubes
+    ]
+    for place, (name, camera) in enumerate(cameras, 1):
+        axes = figure.add_subplot(grid[place])
+        axes.imshow(render(tubes, camera)[0], cmap="gray", vmin=0, vmax=255)
+        axes.set(title=f"camera {name}", xlabel="column [pixels]", ylabel="row [pixels]")
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=150)
+    return file.getvalue()
+
+
+def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
+    for tube in system.tubes:
+        _draw_tube(axes, tube, robot, motion)
+    position = np.asarray(motion.position)[:, ::2] * MM
+    zones = [sensor for sensor in system.sensors if isinstance(sensor, ContactForce)]
+    colours = colormaps["tab10"] if len(zones) <= 10 else colormaps["tab20"]
+    for surface in system.surfaces:
+        if isinstance(surface, SphereSurface):
+            centres = position[list(surface.spheres.index(robot))]
+            radii = np.asarray(surface.spheres.radius) * MM
+            _draw_spheres(axes, centres, radii, "0.6", 0.4)
+            for number, zone in enumerate(zones):
+                if zone.surface == surface.name:
+                    chosen = list(zone.spheres)
+                    colour = colours(number % colours.N)
+                    _draw_spheres(axes, centres[chosen], radii[chosen], colour, 1.5)
+                    axes.annotate(
+                        zone.spec.name,
+                        centres[chosen].mean(axis=0) - [0, 1.35 * radii[chosen].max()],
+                        ha="center",
+                        va="top",
+                        color=colour,
+                    )
+    for actuator in system.actuators:
+        if isinstance(actuator.term, PressureLine):
+            pose = np.asarray(motion[actuator.term.rod].pose)
+            offset = np.asarray(actuator.term.offset)
+            line = (pose[:, :3, 3] + np.einsum("pij,pj->pi", pose[:, :3, :3], offset))[:, ::2] * MM
+            axes.plot(*line.T, "--", lw=1.2, color="black")
+            axes.annotate(actuator.channel.name, line[-1], xytext=(4, 2), textcoords="offset points")
+    axes.set(title=f"{system.name} without load", xlabel="x [mm]", ylabel="z [mm]", aspect="equal")
+    axes.margins(0.08, 0.2)
+    axes.autoscale_view()
+
+
+def _draw_tube(axes: Axes, tube: TubeSurface, robot: Robot, motion: Motion) -> None:
+    """Each piece between two nodes is the hull of two circles."""
+    axis, radii = np.asarray(tube.axis(robot, motion))[:, ::2] * MM, np.asarray(tube.radius) * MM
+    around = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+    circle = np.stack([np.cos(around), np.sin(around)], axis=-1)
+    for i in range(len(axis) - 1):
+        points = np.concatenate([axis[j] + radii[j] * circle for j in (i, i + 1)])
+        outline = points[ConvexHull(points).vertices]
+        axes.fill(*outline.T, color=str(0.35 + 0.6 * tube.shade), lw=0)
+
+
+def _draw_spheres(axes: Axes, centres: np.ndarray, radii: np.ndarray, colour: object, width: float) -> None:
+    circles = [Circle((x, z), radius) for (x, z), radius in zip(centres, radii, strict=True)]
+    axes.add_collection(PatchCollection(circles, facecolor="none", edgecolor=colour, lw=width))

@@ -1,0 +1,103 @@
+"""`exosight simulate --system`: what any system does under commands of its channels."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from exosight.errors import InputError
+from exosight.evaluation.metrics import finite_or_none
+from exosight.evaluation.tables import Column, Table
+from exosight.exosuit.catalogue import nominal_system
+from exosight.system.schema import Schema, schema_to_dict
+from exosight.system.simulation import Answer, simulate_system
+
+
+def simulated_path(name: str, u: Sequence[float] | None, commands: Sequence[str] | None) -> dict[str, Any]:
+    """The equilibria of a system, as plain numbers.
+
+    u          of a system with one channel: its commands
+    commands   texts such as "left=2,right=0.5"; by default each channel from 0 to the far end of its range
+
+    Raises InputError for a system that is none, or commands that are not its own.
+    """
+    system = nominal_system(name)
+    schema = system.schema
+    answer = simulate_system(system, _commands(schema, u, commands))
+    return {
+        "system": schema.system,
+        "schema": schema_to_dict(schema),
+        "path": [_record(schema, answer, i) for i in range(len(answer.commands))],
+    }
+
+
+def path_table(result: dict[str, Any]) -> Table:
+    """The same as a table: commands, readings, whether the equilibrium was found."""
+    schema, records = result["schema"], result["path"]
+    columns = (
+        *(Column(each["name"], each["unit"]) for each in schema["channels"]),
+        *(Column(each["name"], each["unit"], digits=3) for each in schema["sensors"]),
+        Column("ok"),
+        Column("its"),
+    )
+    rows = tuple(
+        (
+            *(f"{value:g}".replace("-", "−") for value in record["commands"].values()),
+            *record["readings"].values(),
+            "yes" if record["converged"] else "NO",
+            record["iterations"],
+        )
+        for record in records
+    )
+    note = "ok: stable equilibrium; its: Newton steps"
+    return Table("path", f"Equilibria of {result['system']}", columns, rows, note)
+
+
+def _commands(
+    schema: Schema, u: Sequence[float] | None, texts: Sequence[str] | None
+) -> Float[np.ndarray, "commands channels"]:
+    names = [channel.name for channel in schema.channels]
+    if u is not None and texts is not None:
+        raise InputError("expected one of --u and --commands, got both")
+    if texts is not None:
+        return np.array([_command(text, names) for text in texts])
+    if u is None:
+        return np.linspace(0, 1, 5)[:, None] * [channel.peak for channel in schema.channels]
+    if len(names) > 1:
+        example = ",".join(f"{name}=1" for name in names)
+        raise InputError(
+            f"u: {schema.system} has the channels {', '.join(names)}; give --commands {example} instead"
+        )
+    return np.array(u, float)[:, None]
+
+
+def _command(text: str, names: Sequence[str]) -> list[float]:
+    """One number a channel from "left=2,right=0.5"; channels that are not named rest at 0."""
+    values = dict.fromkeys(names, 0.0)
+    named: set[str] = set()
+    for part in text.split(","):
+        name, equals, number = (word.strip() for word in part.partition("="))
+        if not equals or name not in values or name in named:
+            raise InputError(
+                f"commands: expected NAME=NUMBER with commas in between, each of {', '.join(names)} at most "
+                f"once, got {text[:80]!r}"
+            )
+        try:
+            values[name] = float(number)
+        except ValueError:
+            raise InputError(f"commands: expected a number for {name}, got {number[:40]!r}") from None
+        named.add(name)
+    return list(values.values())
+
+
+def _record(schema: Schema, answer: Answer, i: int) -> dict[str, Any]:
+    found, readings = answer.equilibria, answer.observation.readings[i].tolist()
+    return {
+        "commands": {c.name: x for c, x in zip(schema.channels, answer.commands[i].tolist(), strict=True)},
+        "readings": {s.name: finite_or_none(x) for s, x in zip(schema.sensors, readings, strict=True)},
+        "converged": bool(found.converged[i]),
+        "residual": finite_or_none(float(found.residual[i])),
+        "min_eigenvalue": finite_or_none(float(found.min_eigenvalue[i])),
+        "iterations": int(found.iterations[i]),
+    }

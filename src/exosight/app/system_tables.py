@@ -1,0 +1,132 @@
+"""What a system consists of, as tables."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from exosight.evaluation.tables import Cell, Column, Table
+from exosight.mechanics.rod import Rod
+from exosight.mechanics.tree import Body
+from exosight.system.camera import Camera
+from exosight.system.description import VaryTable
+from exosight.system.schema import Channel
+from exosight.system.sensors import ContactForce, JointAngle, NetForce, Sensor
+from exosight.system.surfaces import Surface, TubeSurface
+from exosight.system.system import System
+
+
+def system_tables(system: System, varied: Sequence[VaryTable] = ()) -> list[Table]:
+    """A table for each kind of part that the system has; `varied` is what differs from design to design."""
+    schema = system.schema
+    tables = [
+        _bodies(system.bodies),
+        _surfaces(system.surfaces),
+        Table(
+            "contacts",
+            "Contacts",
+            (Column("contact"), Column("first"), Column("second"), Column("stiffness", "N/m")),
+            tuple((each.name, each.first, each.second, float(each.stiffness)) for each in system.contacts),
+        ),
+        _channels(schema.channels),
+        _sensors(system.sensors),
+        _cameras(system.cameras),
+        Table(
+            "varied",
+            "What differs from design to design",
+            (Column("entry"), Column("low"), Column("high")),
+            tuple((each.entry, _text(each.low), _text(each.high)) for each in varied),
+        ),
+    ]
+    return [table for table in tables if table.rows]
+
+
+def _bodies(bodies: Sequence[Body]) -> Table:
+    columns = (
+        Column("body"),
+        Column("kind"),
+        Column("parent"),
+        Column("moves by"),
+        Column("length", "mm"),
+        Column("modulus", "kPa"),
+        Column("coordinates"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for body in bodies:
+        length = 1e3 * float(body.length)
+        if isinstance(body, Rod):
+            moves = ", ".join(name for name, _ in body.strains)
+            kind, young = "rod", float(body.young) / 1e3
+        else:
+            kind, young, moves = "link", None, type(body.joint).__name__.lower()
+        rows.append((body.name, kind, body.parent or "ground", moves, length, young, body.dofs))
+    return Table("bodies", "Bodies", columns, tuple(rows))
+
+
+def _surfaces(surfaces: Sequence[Surface]) -> Table:
+    columns = (
+        Column("surface"),
+        Column("kind"),
+        Column("bodies"),
+        Column("points"),
+        Column("radius from", "mm"),
+        Column("to", "mm"),
+    )
+    rows: list[tuple[Cell, ...]] = []
+    for surface in surfaces:
+        tube = isinstance(surface, TubeSurface)
+        nodes = surface.nodes if tube else surface.spheres.frames
+        radii = 1e3 * np.asarray(surface.radius if tube else surface.spheres.radius)
+        bodies = ", ".join(dict.fromkeys(body for body, _ in nodes))
+        kind = "tube" if tube else "spheres"
+        rows.append((surface.name, kind, bodies, len(nodes), float(radii.min()), float(radii.max())))
+    return Table("surfaces", "Surfaces", columns, tuple(rows))
+
+
+def _channels(channels: Sequence[Channel]) -> Table:
+    columns = (
+        *(Column("channel"), Column("unit"), Column("lowest"), Column("highest")),
+        *(Column("rate a second"), Column("far end of paths")),
+    )
+    rows = tuple((c.name, c.unit, c.low, c.high, c.rate, c.peak) for c in channels)
+    return Table("channels", "Load channels", columns, rows)
+
+
+def _sensors(sensors: Sequence[Sensor]) -> Table:
+    columns = (
+        *(Column("sensor"), Column("quantity"), Column("unit"), Column("of")),
+        *(Column("estimated"), Column("limit")),
+    )
+    rows = tuple(
+        (
+            *(each.spec.name, each.spec.quantity, each.spec.unit, _measured(each)),
+            *("yes" if each.spec.estimated else "no", each.spec.limit),
+        )
+        for each in sensors
+    )
+    return Table("sensors", "Sensors", columns, rows)
+
+
+def _measured(sensor: Sensor) -> str:
+    match sensor:
+        case ContactForce():
+            return f"{sensor.surface} {', '.join(map(str, sensor.spheres))}"
+        case NetForce():
+            return " + ".join(sensor.spec.parts)
+        case JointAngle():
+            return f"{sensor.body}, coordinate {sensor.coordinate}"
+
+
+def _cameras(cameras: Sequence[tuple[str, Camera]]) -> Table:
+    columns = (
+        *(Column("camera"), Column("width", "pixels"), Column("height", "pixels")),
+        *(Column("pixel", "mm"), Column("middle x", "mm"), Column("middle z", "mm")),
+    )
+    rows = tuple(
+        (name, c.width, c.height, 1e3 * c.metres_per_pixel, 1e3 * c.centre[0], 1e3 * c.centre[1])
+        for name, c in cameras
+    )
+    return Table("cameras", "Cameras", columns, rows)
+
+
+def _text(limit: str | float) -> str:
+    return limit if isinstance(limit, str) else f"{limit:g}"
