@@ -1,0 +1,66 @@
+"""What a network reads off a picture, and what the guard makes of it, as JSON values."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import UInt8
+
+from exosight.control import Guarded, Measurement, Scheduled
+from exosight.control.estimator import Reading
+from exosight.control.paths import ControllerConfig, ForcePath
+from exosight.control.tuning import ACTUATION_RATE, CONTACT_LIMIT
+from exosight.system.schema import Schema
+
+
+def reading_of(reading: Reading, schema: Schema) -> dict[str, Any]:
+    """A reading of one image: by sensor, what is estimated and the sums of it [each in its unit]."""
+    estimates = {
+        name: {
+            "value": _rounded(reading.forces[0, i]),
+            "low": _rounded(reading.low[0, i]),
+            "high": _rounded(reading.high[0, i]),
+            "contact": _rounded(reading.contact[0, i]),
+        }
+        for i, name in enumerate(schema.outputs)
+    }
+    for name in schema.controllable:
+        if name not in estimates:
+            estimates[name] = {"value": _rounded(float(schema.weights(name) @ reading.forces[0]))}
+    return {"estimates": estimates, "ood_score": round(float(reading.ood_score[0]), 3)}
+
+
+def _rounded(value: float) -> float:
+    return round(float(value), 5)
+
+
+def judge(
+    image: UInt8[np.ndarray, "height width"], reading: Reading, schema: Schema
+) -> dict[str, str]:
+    """The state of a guard at rest that is shown this picture twice, and why.
+
+    Its limits are those by default; no law acts, so the paths it knows are flat.
+    """
+    guarded = Guarded(Scheduled(_at_rest(schema)))
+    for _ in range(guarded.guard.bad_frames):
+        guarded.step(0.0, Measurement(image, reading))
+    cause = guarded.log[-1].cause if guarded.log else "picture and estimate can be trusted"
+    return {"state": guarded.state.value, "cause": cause}
+
+
+def _at_rest(schema: Schema) -> ControllerConfig:
+    outputs = len(schema.outputs)
+    peak = abs(schema.channels[0].peak)
+
+    def flat(u: Sequence[float]) -> ForcePath:
+        return ForcePath(np.array(u), np.zeros((len(u), outputs)), np.zeros(len(u), dtype=bool))
+
+    return ControllerConfig(
+        loading=flat((0.0, peak)),
+        unloading=flat((peak, 0.0)),
+        contact_limit=np.full(outputs, CONTACT_LIMIT),
+        rate=ACTUATION_RATE,
+        period=0.1,
+        smallest_gain=1.0,
+        largest_gain=1.0,
+    )
