@@ -11,7 +11,7 @@ from exosight.exosuit.shapes import FAMILIES, TABLE_I, ExosuitShape, shape_from_
 from exosight.exosuit.variation import PlantVariation, draw_variant
 from exosight.mechanics import PressureLine, SphereContact
 from exosight.system.camera import Camera
-from exosight.system.designs import Design
+from exosight.system.design import Design
 from exosight.system.schema import Channel, Schema, SensorSpec
 from exosight.system.sensors import ContactForce, JointAngle, NetForce
 from exosight.system.surfaces import SphereSurface, TubeSurface

@@ -1,35 +1,18 @@
 """Designs: systems of one structure that differ in numbers. A dataset is made of designs, drawn by a seed."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Hashable
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from pydantic import JsonValue
 
 from exosight.errors import InputError
 from exosight.system.build import build
 from exosight.system.description import VaryTable
+from exosight.system.design import Design
 from exosight.system.file import Values, describe, replaced
 from exosight.system.schema import Schema
 from exosight.system.system import System
 from exosight.system.units import split_quantity
-
-
-@dataclass(frozen=True)
-class Design:
-    """One member of a set of designs.
-
-    number       its place in the set, 0, 1, 2 …
-    family       index into the set's families: what kind it is
-    scenario     index into the set's scenarios: what varies in it
-    parameters   what tells it from the others, as JSON values
-    """
-
-    number: int
-    family: int
-    scenario: int
-    parameters: Mapping[str, JsonValue]
 
 
 @runtime_checkable
