@@ -27,12 +27,12 @@ from exosight.control.estimator import Estimator, OnnxEstimator, Reader
 from exosight.control.guard import GuardConfig, Guarded, Measurement, State, Transition
 from exosight.control.guarded import Sense, measurement_from, run_guarded, true_measurement
 from exosight.control.laws import Law, OpenLoop, Proportional
-from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_force
+from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_reading
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import Observation, Plant
 from exosight.control.responses import Response, judge_response
 from exosight.control.scheduled import Scheduled
-from exosight.control.trials import CONTROL_SHAPE, ControllerStudy, Trial, study
+from exosight.control.trials import CONTROL_SHAPE, ControllerStudy, Trial, study, try_law
 
 __all__ = [
     "CONTROL_SHAPE",
@@ -66,6 +66,7 @@ __all__ = [
     "run",
     "run_guarded",
     "study",
-    "true_force",
     "true_measurement",
+    "true_reading",
+    "try_law",
 ]
