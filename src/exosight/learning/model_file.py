@@ -158,7 +158,7 @@ def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
     texts = session.get_modelmeta().custom_metadata_map
     if "contacts" in texts and "schema" not in texts:
         raise DataError(
-            f"{name}: written by an earlier exosight, its card has no schema of its system; make it again: exosight "
+            f"{name}: written by an earlier exosight, its card has no schema; make it again: exosight "
             "generate, then exosight train"
         )
     try:

@@ -61,7 +61,7 @@ class PaperNetwork(Network):
     """The published network: five 3×3 convolutions without padding, four max-pools, four dense layers.
 
     128×128 images only. With seven outputs it has 78,847 parameters, which needs batch normalisation after
-    all five convolutions (the paper's text has four, and eight outputs; no such network has its parameter count).
+    all five convolutions (the paper's text has four, and eight outputs; none such has its parameter count).
     """
 
     def __init__(self, schema: Schema):
@@ -260,7 +260,7 @@ class SensorModel(nn.Module):
     ) -> tuple[
         Float[Tensor, "batch outputs"], Float[Tensor, "batch outputs"], Float[Tensor, "batch outputs"]
     ]:
-        """Values of the sensors, the error to be expected of each [their units], and whether there is contact.
+        """Values of the sensors, the error to expect of each [their units], and whether there is contact.
 
         A network that has neither of the last two is taken to err by the same everywhere, and to find contact
         where it finds a force. The probability of contact is 0 for a sensor that is not a force.
