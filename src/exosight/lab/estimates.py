@@ -1,6 +1,5 @@
 """What a network reads off a picture, and what the guard makes of it, as JSON values."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,8 +7,9 @@ from jaxtyping import UInt8
 
 from exosight.control import Guarded, Measurement, Scheduled
 from exosight.control.estimator import Reading
+from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig, ForcePath
-from exosight.control.tuning import ACTUATION_RATE, CONTACT_LIMIT
+from exosight.control.tuning import default_limits, default_rate
 from exosight.system.schema import Schema
 
 
@@ -49,18 +49,22 @@ def judge(
 
 
 def _at_rest(schema: Schema) -> ControllerConfig:
-    outputs = len(schema.outputs)
-    peak = abs(schema.channels[0].peak)
+    """Limits by default, and paths on which nothing is sensed."""
+    channel, outputs = schema.channels[0], len(schema.outputs)
 
-    def flat(u: Sequence[float]) -> ForcePath:
-        return ForcePath(np.array(u), np.zeros((len(u), outputs)), np.zeros(len(u), dtype=bool))
+    def flat(*u: float) -> ForcePath:
+        none = np.zeros(len(u))
+        return ForcePath(np.array(u), np.zeros((len(u), outputs)), none, none.astype(bool))
 
     return ControllerConfig(
-        loading=flat((0.0, peak)),
-        unloading=flat((peak, 0.0)),
-        contact_limit=np.full(outputs, CONTACT_LIMIT),
-        rate=ACTUATION_RATE,
-        period=0.1,
+        schema=schema,
+        sensor=schema.controlled,
+        channel=channel.name,
+        loading=flat(0.0, abs(channel.peak)),
+        unloading=flat(abs(channel.peak), 0.0),
+        output_limits=default_limits(schema),
+        rate=default_rate(channel),
+        period=1 / RATE,
         smallest_gain=1.0,
         largest_gain=1.0,
     )
