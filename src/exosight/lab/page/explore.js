@@ -160,7 +160,7 @@ export function explore(about, problem) {
     const range = html("input", { type: "range", id, min: channel.low, max: channel.high, step: channel.step, "aria-describedby": "way-note" });
     const output = html("output", { id: `${id}-value`, for: id });
     range.addEventListener("input", () => driveTo(i, Number(range.value)));
-    by("drive").append(html("div", { class: "channel" }, html("label", { for: id }, ...named(channel.name)), range, output));
+    by("drive").append(html("div", { class: "channel" }, html("label", { for: id }, "Command ", ...named(channel.name)), range, output));
     return { range, output };
   }
 

@@ -6,6 +6,7 @@ import { html, quantity, round125, svg } from "./svg.js";
 const WIDTH = 144, TALL = 0.78;  // of the drawing, and of a part of the camera's view that is higher than that
 const LONGEST = 34;  // arrow
 const COLOURS = 4;  // of the style sheet: tubes of one shade have one colour
+const NEAR = 4;  // zones of one place
 const NAMED = 24;  // zones up to which each is always named
 
 /** The union of all spheres along an axis. */
@@ -77,6 +78,17 @@ export function scene(host, about) {
     forces(values.zones);
   }
 
+  /** Names at the middles of zones; those of one place stand side by side. */
+  function zoneNames(quiet) {
+    const placed = [];
+    for (const [name, x, y] of quiet) {
+      const same = placed.find((each) => Math.hypot(each.x - x, each.y - y) < NEAR);
+      if (same) same.words += ` ${name}`;
+      else placed.push({ words: name, x, y });
+    }
+    return placed.map(({ words, x, y }) => svg("text", { class: "zone", x, y: y + 3.6, "text-anchor": "middle" }, words));
+  }
+
   function forces(found) {
     const sizes = found.map(({ force }) => Math.hypot(...force));
     const largest = Math.max(...sizes, 0.01);
@@ -84,7 +96,7 @@ export function scene(host, about) {
     const pressed = [], quiet = [];
     found.forEach(({ at: place, force: [fx, fz], radius }, i) => {
       const [x, y] = at(place), length = sizes[i] * scale;
-      if (length < 0.6) { quiet.push(svg("text", { class: "zone", x, y: y + 0.9, "text-anchor": "middle" }, zones[i])); return; }
+      if (length < 0.6) { quiet.push([zones[i], x, y]); return; }
       const ex = fx / sizes[i], ey = -fz / sizes[i];
       const x0 = x - ex * radius * k, y0 = y - ey * radius * k, x1 = x0 + ex * length, y1 = y0 + ey * length;
       const head = Math.min(3, length), xb = x1 - ex * head, yb = y1 - ey * head, w = 0.38 * head;
@@ -94,7 +106,7 @@ export function scene(host, about) {
         svg("path", { class: "tip", d: `M${x1} ${y1}L${xb - ey * w} ${yb + ex * w}L${xb + ey * w} ${yb - ex * w}Z` }),
         svg("text", { class: "label", x: x0 + ex * beyond, y: y0 + ey * beyond + 1.2, "text-anchor": "middle" }, zones[i]));
     });
-    names.replaceChildren(...(zones.length <= NAMED ? quiet : []));
+    names.replaceChildren(...(zones.length <= NAMED ? zoneNames(quiet) : []));
     arrows.replaceChildren(...pressed);
     const bar = (x, y, length, words) => [
       svg("path", { class: "ruler", d: `M${x} ${y - 1}v2m0 -1h${length}m0 -1v2` }),
