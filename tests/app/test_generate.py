@@ -38,7 +38,7 @@ def simulated(
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generation, "simulate", simulated)
+    monkeypatch.setattr(generation, "simulate_shapes", simulated)
 
 
 def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:

@@ -65,7 +65,7 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
     again = ["study", "--out", str(folder), "--resume"]
     held = {}
     for stage, where, words in (
-        ("simulating", "exosight.dataset.generation.simulate", first),
+        ("simulating", "exosight.dataset.generation.simulate_shapes", first),
         ("second network", "exosight.app.study._judgement", again),
         ("closed loop", "exosight.app.study.run_trials", again),
     ):

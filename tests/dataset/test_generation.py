@@ -40,7 +40,7 @@ def simulated(
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(generation, "SHAPES_PER_CHUNK", 4)
-    monkeypatch.setattr(generation, "simulate", simulated)
+    monkeypatch.setattr(generation, "simulate_shapes", simulated)
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -63,7 +63,7 @@ def made_numbers(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         numbers.append(shapes[0].shape_id)
         return simulated(config, shapes, *rest)
 
-    monkeypatch.setattr(generation, "simulate", counted)
+    monkeypatch.setattr(generation, "simulate_shapes", counted)
     return numbers
 
 
@@ -121,7 +121,7 @@ def test_a_stopped_job_loses_the_chunk_in_flight_alone(
 ) -> None:
     """Whatever moment, the files end up as those of a job that was never stopped."""
     place = {
-        "before a chunk": "simulate",
+        "before a chunk": "simulate_shapes",
         "frames written, no record": "write_record",
         "record written": "make_chunk",
         "before the manifest": "write_manifest",
@@ -153,7 +153,7 @@ from exosight.dataset import generation
 from tests.dataset import test_generation as tests
 from exosight import files
 
-generation.SHAPES_PER_CHUNK, generation.simulate = 4, tests.simulated
+generation.SHAPES_PER_CHUNK, generation.simulate_shapes = 4, tests.simulated
 written = []
 real = os.fsync
 
@@ -322,7 +322,7 @@ def test_while_it_is_mended_it_is_no_dataset(whole: Path, monkeypatch: pytest.Mo
             read_manifest(whole)
         return simulated(config, shapes)
 
-    monkeypatch.setattr(generation, "simulate", seen)
+    monkeypatch.setattr(generation, "simulate_shapes", seen)
     generate(CONFIG, whole, resume=True)
     assert len(read_frames(whole)) == 22 * CONFIG.frames
 
@@ -402,7 +402,7 @@ def nothing(config: GenerateConfig, shapes: list[SampledShape], *_) -> tuple[Fra
 def test_dataset_without_a_single_frame_is_no_dataset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(generation, "simulate", nothing)
+    monkeypatch.setattr(generation, "simulate_shapes", nothing)
     with pytest.raises(InputError, match=r"no frame is worth keeping \(.*crosses itself 66"):
         generate(CONFIG, tmp_path / "data")
     with pytest.raises(DataError, match="incomplete"):
@@ -417,7 +417,7 @@ def test_a_chunk_without_frames_is_left_out_and_not_made_again(
     ) -> tuple[Frames, dict[str, int]]:
         return (nothing if shapes[0].shape_id == 0 else simulated)(config, shapes, *rest)
 
-    monkeypatch.setattr(generation, "simulate", first_empty)
+    monkeypatch.setattr(generation, "simulate_shapes", first_empty)
     manifest = generate(CONFIG, tmp_path / "data")
     assert [chunk.file for chunk in manifest.chunks] == [f"chunk_000{k}.h5" for k in range(1, CHUNKS)]
     assert manifest.dropped["crosses_itself"] == 3 * 4 + 2 * (CHUNKS - 1)

@@ -100,7 +100,7 @@ def test_what_goes_wrong_over_there_is_told_here(monkeypatch: pytest.MonkeyPatch
         raise RuntimeError("out of registers")
 
     monkeypatch.setattr(os, "nice", lambda by: by)
-    monkeypatch.setattr(simulation, "simulate", broken)
+    monkeypatch.setattr(simulation, "simulate_shapes", broken)
     here, there = multiprocessing.Pipe(duplex=False)
     with here, there:
         streams._produce(there, CONFIG, set(), 0)
@@ -110,7 +110,7 @@ def test_what_goes_wrong_over_there_is_told_here(monkeypatch: pytest.MonkeyPatch
 
 def test_a_reader_that_has_gone_ends_the_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "nice", lambda by: by)
-    monkeypatch.setattr(simulation, "simulate", lambda config, shapes: (made_up(shapes), {}))
+    monkeypatch.setattr(simulation, "simulate_shapes", lambda config, shapes: (made_up(shapes), {}))
     here, there = multiprocessing.Pipe(duplex=False)
     here.close()
     with there:

@@ -13,9 +13,9 @@ from exosight.dataset.splits import (
     PROTOCOLS,
     Split,
     make_split,
+    split_by_design,
     split_by_family,
     split_by_frame,
-    split_by_design,
     split_by_variation,
 )
 from exosight.dataset.store import read_frames, read_variation, write_chunk
@@ -37,9 +37,9 @@ __all__ = [
     "read_frames",
     "read_manifest",
     "read_variation",
+    "split_by_design",
     "split_by_family",
     "split_by_frame",
-    "split_by_design",
     "split_by_variation",
     "take",
     "write_chunk",

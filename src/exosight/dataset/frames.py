@@ -60,7 +60,7 @@ QUANTITIES: dict[str, Quantity] = {
     "images": Quantity(np.uint8, "gray level 0-255", "image, row by row from the top left"),
     "sensors": Quantity(np.float32, "as in the schema", "what every sensor reads, in the schema's order"),
     "commands": Quantity(np.float32, "as in the schema", "command of every channel, in the schema's order"),
-    "pose": Quantity(np.float64, "rad, -, m", "generalised coordinates, body by body"),
+    "pose": Quantity(np.float64, "rad or -", "generalised coordinates, body by body"),
     "design": Quantity(np.int32, "-", "design, as numbered in the manifest"),
     "family": Quantity(np.int8, "-", "index into the manifest's families, from 0"),
     "scenario": Quantity(np.int8, "-", "index into the manifest's scenarios, from 0"),
@@ -108,7 +108,7 @@ def concatenate(parts: Sequence[Frames]) -> Frames:
 def previous(frames: Frames) -> Int64[np.ndarray, " frames"]:
     """The place of the frame before each on the path of its design.
 
-    Without commands, and where a path begins, it is the frame's own: the system was at rest before it was driven.
+    Without commands, and where a path begins, it is the frame's own: the system was at rest before.
     """
     here, before = slice(1, None), slice(None, -1)
     follows = (frames.design[here] == frames.design[before]) & (frames.step[here] > frames.step[before])

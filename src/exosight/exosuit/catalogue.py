@@ -16,7 +16,8 @@ PRESETS: dict[str, str] = {
 def find_system(name: str) -> DesignSet:
     """The designs of a preset, or of a system file (a name that ends in .toml or is a path).
 
-    Raises InputError for an unknown name or a file that describes no system, DataError for one that cannot be read.
+    Raises InputError for an unknown name or a file that describes no system, DataError for one that cannot be
+    read.
     """
     if name == NAME:
         return PublishedDesigns()

@@ -1,15 +1,17 @@
 """A system in a user's words: what a system file may say, table by table.
 
-Quantities are texts with their unit ("45 mm", "300 kPa"); everything else is a number, a name or a list. This is
-the one place that says which entries there are, their defaults and their limits; `build` makes the system.
+Quantities are texts with their unit ("45 mm", "300 kPa"); everything else is a number, a name or a list. This
+is the one place that says which entries there are, their defaults and their limits; `build` makes the system.
+Usable without JAX.
 """
 
-from typing import Annotated, Literal
+from collections.abc import Collection, Mapping
+from dataclasses import fields
+from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from exosight.mechanics.rod import STRAINS
 from exosight.system.camera import LARGEST_SIDE
 from exosight.system.units import (
     Acceleration,
@@ -28,15 +30,27 @@ from exosight.validation import CONFIG, Name
 FORMAT = 1
 """Version of system files; a reader takes this one."""
 
+Limit = Annotated[str, Field(max_length=64)] | Annotated[float, Field(ge=-1e9, le=1e9)]
 Strain = Literal["torsion_x", "bend_y", "bend_z", "stretch_x", "shear_y", "shear_z"]
-assert set(Strain.__args__) == set(STRAINS)
 
 Vector = tuple[Distance, Distance, Distance]
 Rotation = tuple[Angle, Angle, Angle]
 Unit01 = Annotated[float, Field(ge=0, le=1)]
 Sphere = Annotated[int, Field(ge=0, le=100_000)]
 ORIGIN = (0.0, 0.0, 0.0)
-_STRICT = ConfigDict(extra="forbid", populate_by_name=True)
+JOINT_COORDINATES = {"fixed": 0, "revolute": 1, "universal": 2}
+"""Types of joints, and how many coordinates each has."""
+
+
+def _refuse_unused(table: Any, used: Mapping[str, Collection[str]]) -> None:
+    """ValueError for an entry that has no effect in a table of this type, unless it says what holds anyway.
+
+    used   by type: the optional entries that it takes
+    """
+    optional = set().union(*used.values())
+    for field in fields(table):
+        if field.name in optional - set(used[table.type]) and getattr(table, field.name) != field.default:
+            raise ValueError(f"{field.name}: it has no effect with type {table.type}; leave it out")
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -81,6 +95,8 @@ class JointTable:
     """of the quadratic penalty beyond the range"""
 
     def __post_init__(self) -> None:
+        springs = ("stiffness", "range", "limit_stiffness")
+        _refuse_unused(self, {"revolute": ("axis", *springs), "universal": springs, "fixed": ()})
         if self.range is not None and not self.range[0] < self.range[1]:
             raise ValueError("range: expected the lower angle first")
         if self.range is not None and self.limit_stiffness == 0:
@@ -137,9 +153,12 @@ class SurfaceTable:
     bodies: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)]
     """one rod, or links in a chain"""
     at: Annotated[tuple[Unit01, ...], Field(min_length=1, max_length=1000)] | None = None
-    """places of spheres along each link, 0 at its base to 1 at its end; a rod has one at each of its points"""
+    """places of spheres along each link, 0 at its base to 1 at its end; a rod has one at each point"""
     shade: Unit01 = 0.5
     """gray of a tube, 0 black to 1 white"""
+
+    def __post_init__(self) -> None:
+        _refuse_unused(self, {"tube": ("shade",), "spheres": ("at",)})
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -157,7 +176,7 @@ class ActuatorTable:
     """What acts on a body, commanded by one channel."""
 
     type: Literal["pressure_line", "cable", "joint_torque"]
-    """pressure_line pushes with u along a line on a rod, cable pulls, joint_torque turns a link's joint"""
+    """pressure_line pushes along a line on a rod, cable pulls, joint_torque turns a link's joint"""
     range: tuple[str, str]
     """smallest and largest command, such as ["0 N", "4 N"] or ["0 kPa", "80 kPa"]"""
     body: Name
@@ -169,13 +188,17 @@ class ActuatorTable:
     gain: str | None = None
     """newtons (or N m) a unit of command, such as "0.05 N/kPa"; not needed where the command is a force"""
     angle: Angle = 1.5707963267948966
-    """where a line runs around its rod, from the y axis towards the z axis; 90 deg is on top"""
+    """where a line starts around its rod, from the y axis towards the z axis; 90 deg is on top"""
     turns: Annotated[float, Field(ge=-100, le=100)] = 0.0
     """of a line around its rod, from base to tip"""
     offset: Length | None = None
     """of a line from its rod's axis; without: on the rod's surface"""
-    coordinate: Annotated[int, Field(ge=0, le=5)] = 0
+    coordinate: Annotated[int, Field(ge=0, le=1)] = 0
     """which coordinate of the joint is turned"""
+
+    def __post_init__(self) -> None:
+        line = ("angle", "turns", "offset")
+        _refuse_unused(self, {"pressure_line": line, "cable": line, "joint_torque": ("coordinate",)})
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -188,8 +211,8 @@ class SensorTable:
     spheres: Annotated[tuple[Sphere, ...], Field(min_length=1, max_length=1000)] | None = None
     """of a contact force: the zone, as numbers of spheres on that surface"""
     body: Name | None = None
-    """of a joint angle: the link behind the joint; of a contact force: the zone is all spheres on this body"""
-    coordinate: Annotated[int, Field(ge=0, le=5)] = 0
+    """of a joint angle: the link behind the joint; of a contact force: all spheres on it are the zone"""
+    coordinate: Annotated[int, Field(ge=0, le=1)] = 0
     """of a joint angle: which coordinate of the joint"""
     parts: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)] | None = None
     """of a net force: the sensors that it sums"""
@@ -199,14 +222,21 @@ class SensorTable:
     """largest force that control may allow"""
 
     def __post_init__(self) -> None:
-        needed = {"contact_force": ("surface",), "net_force": ("parts",), "joint_angle": ("body",)}[self.type]
-        for name in needed:
-            if getattr(self, name) is None:
-                raise ValueError(f"expected {name} for a sensor of type {self.type}, got none")
+        _refuse_unused(
+            self,
+            {
+                "contact_force": ("surface", "spheres", "body", "estimated", "limit"),
+                "net_force": ("parts", "limit"),
+                "joint_angle": ("body", "coordinate", "estimated"),
+            },
+        )
+        needed = {"contact_force": "surface", "net_force": "parts", "joint_angle": "body"}[self.type]
+        if getattr(self, needed) is None:
+            raise ValueError(f"expected {needed} for a sensor of type {self.type}, got none")
         if self.type == "contact_force" and (self.spheres is None) == (self.body is None):
             raise ValueError("expected the zone as spheres or as a body, one of the two")
-        if self.type == "net_force" and self.estimated:
-            raise ValueError("estimated: a net force follows from its parts; leave it out")
+        if self.parts is not None and len(set(self.parts)) < len(self.parts):
+            raise ValueError("parts: expected each sensor once")
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -221,14 +251,14 @@ class CameraTable:
     height: Annotated[int, Field(ge=16, le=LARGEST_SIDE)] = 128
 
 
-@dataclass(frozen=True, config=_STRICT)
+@dataclass(frozen=True, config=CONFIG)
 class VaryTable:
     """An entry of the file that differs from design to design, drawn evenly between two values."""
 
     entry: Annotated[str, Field(max_length=200)]
     """such as "rods.sleeve.young" or "links.distal.radius.0" """
-    low: str | float
-    high: str | float
+    low: Limit
+    high: Limit
 
 
 Rods = Annotated[dict[Name, RodTable], Field(max_length=256)]
@@ -248,9 +278,9 @@ class Description:
     contacts: Annotated[dict[Name, ContactTable], Field(max_length=256)] = Field(default_factory=dict)
     rods: Rods = Field(default_factory=dict)
     links: Links = Field(default_factory=dict)
-    gravity: tuple[Acceleration, Acceleration, Acceleration] = ORIGIN
+    gravity: tuple[Acceleration, Acceleration, Acceleration] | None = None
     """on the masses of links and the density of rods"""
-    vary: Annotated[tuple[VaryTable, ...], Field(max_length=256)] = ()
+    vary: Annotated[tuple[VaryTable, ...], Field(max_length=64)] = ()
     """what differs from design to design of a dataset"""
 
     def __post_init__(self) -> None:

@@ -1,18 +1,32 @@
 """Designs: systems of one structure that differ in numbers. A dataset is made of designs, drawn by a seed."""
 
-from collections.abc import Hashable
-from typing import Any, Protocol, runtime_checkable
+import json
+from collections.abc import Callable, Hashable, Mapping
+from typing import Protocol, runtime_checkable
 
+import jax
 import numpy as np
+from jaxtyping import Bool
+from pydantic import JsonValue
 
 from exosight.errors import InputError
 from exosight.system.build import build
+from exosight.system.camera import Camera
 from exosight.system.description import VaryTable
 from exosight.system.design import Design
+from exosight.system.faults import at_place
 from exosight.system.file import Values, describe, replaced
+from exosight.system.observation import Observation
 from exosight.system.schema import Schema
 from exosight.system.system import System
 from exosight.system.units import split_quantity
+
+SHARES = (0.0, 0.6180339887498949, 1.0)
+"""Of the way from low to high at which varied entries are tried; no entry that counts is whole in between."""
+
+
+Filter = Callable[[Observation], Bool[np.ndarray, "*batch"]]
+"""Which states of an observation a dataset leaves out."""
 
 
 @runtime_checkable
@@ -39,6 +53,16 @@ class DesignSet(Protocol):
         """Of every design."""
         ...
 
+    @property
+    def camera(self) -> Camera:
+        """The first camera of the nominal design."""
+        ...
+
+    @property
+    def filters(self) -> Mapping[str, Filter]:
+        """Frames that a dataset leaves out beside those that are no equilibria or cross themselves, by cause."""
+        ...
+
     def draw(self, per_scenario: int, seed: int) -> tuple[Design, ...]:
         """So many designs of each scenario; InputError if there are not as many."""
         ...
@@ -47,11 +71,20 @@ class DesignSet(Protocol):
         """The system of a design; InputError for parameters that are not this set's."""
         ...
 
+    def numbers(self, design: Design) -> dict[str, float]:
+        """What varies in the plant beside family and scenario, by name; equal names for all designs."""
+        ...
+
+    def key(self, design: Design) -> Hashable:
+        """What is equal for designs of equal geometry, whatever their numbers and sets."""
+        ...
+
 
 class FileDesigns:
     """The designs of a system file: its entries, and what its `vary` tables say of them.
 
-    Raises InputError for entries that no system can be built of, or an entry to vary that is not there.
+    Raises InputError for entries that no system can be built of, an entry to vary that is not there, and one
+    that changes what all designs share: structure, channels, sensors, cameras.
     """
 
     scenarios = ("vary",)
@@ -62,33 +95,33 @@ class FileDesigns:
         nominal = build(self._description)
         self.name, self.schema = nominal.name, nominal.schema
         self.families = (nominal.name,)
+        self.camera = nominal.camera()
+        self.filters: Mapping[str, Filter] = {}
         for place, table in enumerate(self._description.vary):
-            _check_limits(place, table)
-            for limit in (table.low, table.high):
-                try:
-                    build(describe(replaced(values, table.entry, limit)))
-                except InputError as error:
-                    raise InputError(f"vary.{place}: with {table.entry} = {limit!r}: {error}") from None
+            at_place(f"vary.{place}", _limits, table)
+            if table.entry in [before.entry for before in self._description.vary[:place]]:
+                raise InputError(f"vary.{place}: {table.entry} varies already")
+        # All at once; one by one only to find which of them it was.
+        if not all(self._fits(share, nominal) for share in SHARES):
+            for place, table in enumerate(self._description.vary):
+                for share in SHARES:
+                    at_place(f"vary.{place}", self._check_fit, table, share, nominal)
+            raise InputError("vary: expected limits that all entries can be at together, got others")
 
     def nominal(self) -> Design:
         """The design that the file describes."""
         return Design(0, 0, 0, {})
 
     def draw(self, per_scenario: int, seed: int) -> tuple[Design, ...]:
-        """Designs with every varied entry drawn evenly between its limits; number k depends on seed and k alone."""
+        """Designs with every varied entry drawn evenly between its limits.
+
+        Design k depends on the seed and on k alone.
+        """
         if per_scenario < 1 or seed < 0:
             raise InputError(
                 f"designs: expected at least 1 and a seed of at least 0, got {per_scenario} and {seed}"
             )
-        return tuple(
-            Design(
-                number,
-                0,
-                0,
-                self._drawn(np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))),
-            )
-            for number in range(per_scenario)
-        )
+        return tuple(self._design(number, seed) for number in range(per_scenario))
 
     def build(self, design: Design) -> System:
         """The system of the file with the design's entries in the place of its own."""
@@ -100,29 +133,67 @@ class FileDesigns:
             values = replaced(values, entry, value)
         return build(describe(values))
 
-    def _drawn(self, random: np.random.Generator) -> dict[str, Any]:
-        drawn: dict[str, Any] = {}
-        for table in self._description.vary:
-            share = random.random()
-            if isinstance(table.low, str):
-                (low, unit), (high, _) = (split_quantity(text, "45 mm") for text in (table.low, table.high))
-                drawn[table.entry] = f"{low + (high - low) * share!r} {unit}"
-            else:
-                drawn[table.entry] = float(table.low) + (float(table.high) - float(table.low)) * share
-        return drawn
+    def numbers(self, design: Design) -> dict[str, float]:
+        """The varied entries, as numbers in the units of the file."""
+        return {
+            entry: split_quantity(value, "45 mm")[0] if isinstance(value, str) else float(str(value))
+            for entry, value in design.parameters.items()
+        }
 
+    def key(self, design: Design) -> Hashable:
+        """The file's entries and the design's, as text."""
+        return json.dumps([self.values, dict(design.parameters)], sort_keys=True)
 
-def _check_limits(place: int, table: VaryTable) -> None:
-    if isinstance(table.low, str) != isinstance(table.high, str):
-        raise InputError(f"vary.{place}: expected low and high both with a unit or both without")
-    if isinstance(table.low, str) and isinstance(table.high, str):
+    def _design(self, number: int, seed: int) -> Design:
+        random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
+        varied = self._description.vary
+        return Design(number, 0, 0, {table.entry: _between(table, random.random()) for table in varied})
+
+    def _fits(self, share: float, nominal: System) -> bool:
+        """Whether the file describes a system like the nominal one when every entry is at this share."""
         try:
-            (low, unit), (high, other) = (split_quantity(text, "45 mm") for text in (table.low, table.high))
-        except ValueError as error:
-            raise InputError(f"vary.{place}: {error}") from None
+            entries = {table.entry: _between(table, share) for table in self._description.vary}
+            return _alike(self.build(Design(0, 0, 0, entries)), nominal)
+        except InputError:
+            return False
+
+    def _check_fit(self, table: VaryTable, share: float, nominal: System) -> None:
+        value = _between(table, share)
+        try:
+            system = self.build(Design(0, 0, 0, {table.entry: value}))
+        except InputError as error:
+            raise InputError(f"with {table.entry} = {value}: {error}") from None
+        if not _alike(system, nominal):
+            raise InputError(
+                f"{table.entry} changes what all designs share (parts, names, channels, limits of sensors, "
+                "cameras, shades); leave it out"
+            )
+
+
+def _alike(first: System, second: System) -> bool:
+    """Whether two systems can be stacked: parts, names and counts agree."""
+    return jax.tree.structure(first) == jax.tree.structure(second)
+
+
+def _limits(table: VaryTable) -> tuple[float, float, str]:
+    """Both limits and their unit; ValueError for limits that are none."""
+    if isinstance(table.low, str) and isinstance(table.high, str):
+        (low, unit), (high, other) = (split_quantity(text, "45 mm") for text in (table.low, table.high))
         if unit != other:
-            raise InputError(f"vary.{place}: expected low and high in one unit, got {unit} and {other}")
+            raise ValueError(f"expected low and high in one unit, got {unit} and {other}")
+    elif isinstance(table.low, str) or isinstance(table.high, str):
+        raise ValueError(
+            f"expected low and high both with a unit or without, got {table.low} and {table.high}"
+        )
     else:
-        low, high = float(table.low), float(table.high)
+        low, high, unit = table.low, table.high, ""
     if not low < high:
-        raise InputError(f"vary.{place}: expected low below high, got {table.low} and {table.high}")
+        raise ValueError(f"expected low below high, got {table.low} and {table.high}")
+    return low, high, unit
+
+
+def _between(table: VaryTable, share: float) -> JsonValue:
+    """The value at a share from low (0) to high (1), as the file would spell it."""
+    low, high, unit = _limits(table)
+    value = low + (high - low) * share
+    return f"{value!r} {unit}" if unit else value

@@ -11,10 +11,13 @@ from pydantic import TypeAdapter, ValidationError
 
 from exosight.errors import DataError, InputError
 from exosight.system.description import Description
-from exosight.validation import first_fault
+from exosight.system.faults import printable, sentence
 
-LARGEST_FILE = 2**20  # [bytes]; a hand of twenty bodies takes 10 KiB
+LARGEST_FILE = 256 * 2**10  # [bytes]; a hand of twenty bodies takes 10 KiB
 DEEPEST = 32
+LARGEST_INTEGER = 2**53
+MOST_DOTS = 1000
+"""Dots in one line: the time that tomllib takes for a key grows with the square of the dots in it."""
 
 Values = dict[str, Any]
 
@@ -22,16 +25,21 @@ _ADAPTER = TypeAdapter(Description)
 
 
 def read_system_file(path: Path) -> Values:
-    """The entries of a system file, as it spells them; the points of a CSV profile stand in the place of its name.
+    """The entries of a system file, as it spells them; points of a CSV profile stand in place of its name.
 
-    Raises DataError for a file that is missing, too large, no text or no TOML; InputError, with the place in the
-    file, for entries that no system can be built of.
+    Raises DataError for a file that is missing, too large, no text or no TOML; InputError, with the place in
+    the file, for entries that no system can be built of.
     """
     text = _read_text(path)
+    dotted = next((n for n, line in enumerate(text.split("\n"), 1) if line.count(".") > MOST_DOTS), None)
+    if dotted is not None:
+        raise DataError(f"{path}: more than {MOST_DOTS} dots at line {dotted}; break long lists into lines")
     try:
         values = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DataError(f"{path}: not TOML ({error or 'nested too deeply'})") from None
+    except RecursionError:
+        raise DataError(f"{path}: not TOML (nested too deeply)") from None
+    except ValueError as error:  # a number of more than 4300 digits is none that tomllib catches
+        raise DataError(f"{path}: not TOML ({printable(str(error))})") from None
     _check_plain(path, values)
     for name, rod in _tables(values, "rods"):
         radius = rod.get("radius")
@@ -47,11 +55,11 @@ def read_system_file(path: Path) -> Values:
 
 
 def describe(values: Values) -> Description:
-    """The description that the entries of a system file make; InputError with the place of the first fault."""
+    """The description that the entries of a system file make; InputError naming the first fault."""
     try:
         return _ADAPTER.validate_python(values)
     except ValidationError as error:
-        raise InputError(_plain(first_fault(error))) from None
+        raise InputError(sentence(error)) from None
 
 
 def replaced(values: Values, entry: str, value: Any) -> Values:
@@ -80,31 +88,39 @@ def _inside(at: Any, step: str, entry: str) -> Any:
 
 def _read_text(path: Path) -> str:
     try:
+        if not path.exists():
+            raise DataError(f"{path}: no such file; exosight system new makes one to start from")
         if not path.is_file():
-            raise DataError(f"{path}: no such file; expected a system file (exosight system new makes one)")
-        if path.stat().st_size > LARGEST_FILE:
-            raise DataError(f"{path}: more than {LARGEST_FILE >> 20} MiB; expected a system file")
-        return path.read_bytes().decode("utf-8")
+            raise DataError(f"{path}: no file but a folder, a device or a pipe; expected a system file")
+        with path.open("rb") as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise DataError(f"{path}: more than {LARGEST_FILE >> 10} KiB; expected a system file")
+        return content.decode("utf-8-sig")  # Windows' editors and spreadsheets begin with a mark
     except UnicodeDecodeError:
         raise DataError(f"{path}: not UTF-8 text; expected a system file in TOML") from None
+    except DataError:
+        raise
     except (OSError, ValueError) as error:
-        if isinstance(error, DataError):
-            raise
         raise DataError(f"{path}: cannot be read ({error})") from None
 
 
 def _check_plain(path: Path, values: Any, place: str = "", depth: int = 0) -> None:
-    """InputError for NaN, infinity, dates, and tables nested without end: JSON must be able to carry it all."""
+    """InputError for NaN, infinity, dates and deep nesting: JSON must be able to carry it all."""
     if depth > DEEPEST:
-        raise InputError(f"{path}: {place[:60]}…: nested too deeply")
+        raise InputError(f"{path}: {printable(place[:60])}…: nested too deeply")
     if isinstance(values, dict | list):
         entries = values.items() if isinstance(values, dict) else enumerate(values)
         for key, value in entries:
             _check_plain(path, value, f"{place}.{key}" if place else str(key), depth + 1)
     elif isinstance(values, float) and not math.isfinite(values):
-        raise InputError(f"{path}: {place}: expected a finite number, got {values}")
+        raise InputError(f"{path}: {printable(place)}: expected a finite number, got {values}")
+    elif isinstance(values, int) and abs(values) > LARGEST_INTEGER:
+        raise InputError(
+            f"{path}: {printable(place)}: expected a number below 2^53 in size, got a larger one"
+        )
     elif not isinstance(values, str | int | float):
-        raise InputError(f"{path}: {place}: expected text or a number, got {values}")
+        raise InputError(f"{path}: {printable(place)}: expected text or a number, got {values}")
 
 
 def _tables(values: Values, kind: str) -> list[tuple[str, Values]]:
@@ -116,43 +132,44 @@ def _tables(values: Values, kind: str) -> list[tuple[str, Values]]:
 
 def _read_profile(path: Path, place: str, name: str) -> tuple[list[float], list[float]]:
     """Places and radii of a CSV file beside the system file; a first row of words is a heading."""
-    parts = Path(name).parts
-    if not name or "\0" in name or Path(name).is_absolute() or ".." in parts:
-        raise InputError(f"{path}: {place}: expected the name of a file beside the system file, got {name!r}")
+    folder = path.parent.resolve()
     try:
-        rows = [row for row in csv.reader(_read_text(path.parent / name).splitlines()) if row]
+        inside = "\0" not in name and (folder / name).resolve().is_relative_to(folder)
+    except (OSError, RuntimeError):  # a name that is too long, links in a circle
+        inside = False
+    if not inside:
+        raise InputError(
+            f"{path}: {place}: expected the name of a file in the system file's folder, got "
+            f"{printable(name)!r}"
+        )
+    source = path.parent / name
+    try:
+        rows = list(csv.reader(_read_text(source).splitlines()))
     except csv.Error as error:
-        raise DataError(f"{path.parent / name}: not CSV ({error})") from None
+        raise DataError(f"{source}: not CSV ({error})") from None
     points: list[tuple[float, float]] = []
-    for number, row in enumerate(rows):
-        try:
-            x, radius = (float(cell) for cell in row)
-        except ValueError:
-            if number == 0:
-                continue
+    for number, row in enumerate(rows, 1):
+        if not row or (number == 1 and not any(map(_is_number, row))):
+            continue
+        if len(row) != 2 or not all(map(_is_number, row)):
             raise InputError(
-                f"{path.parent / name}, row {number + 1}: expected two numbers, X and radius, got {','.join(row)[:40]!r}"
-            ) from None
-        if not (math.isfinite(x) and math.isfinite(radius)):
+                f"{source}, row {number}: expected X and radius, two finite numbers, "
+                f"got {printable(','.join(row)[:40])!r}"
+            )
+        x, radius = float(row[0]), float(row[1])
+        if not (0 <= x <= 1 and radius > 0 and (x > points[-1][0] if points else x == 0)):
             raise InputError(
-                f"{path.parent / name}, row {number + 1}: expected finite numbers, got {','.join(row)[:40]!r}"
+                f"{source}, row {number}: expected X that rises from 0 to 1 and a radius above 0, got {x:g} "
+                f"and {radius:g}"
             )
         points.append((x, radius))
+    if len(points) < 2 or points[-1][0] != 1:
+        raise InputError(f"{source}: expected at least two rows, the last one at X = 1, got {len(points)}")
     return [x for x, _ in points], [radius for _, radius in points]
 
 
-def _plain(fault: str) -> str:
-    """pydantic's words for what a file cannot hold → ours, on one line."""
-    text = " ".join(fault.split())
-    for theirs, ours in (
-        ("Unexpected keyword argument", "there is no such entry"),
-        ("Extra inputs are not permitted", "there is no such entry"),
-        ("Field required", "expected a value, got none"),
-        ("Input should be", "expected"),
-        (
-            "String should match pattern '^[A-Za-z][A-Za-z0-9_]{0,31}$'",
-            "expected a name of at most 32 letters, digits and underscores, a letter first",
-        ),
-    ):
-        text = text.replace(theirs, ours)
-    return text.replace(".[key]", "")
+def _is_number(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return False

@@ -1,7 +1,7 @@
 """What a system tells the programs that work with it: its load channels, its sensors, its cameras.
 
-The schema travels: it stands in the manifest of a dataset, the card of a network, a recording and a report, and
-is compared wherever two of them meet. Usable without JAX.
+The schema travels: it stands in the manifest of a dataset, the card of a network, a recording and a report,
+and is compared wherever two of them meet. Usable without JAX.
 """
 
 import math
@@ -17,7 +17,7 @@ from exosight.errors import InputError
 from exosight.validation import CONFIG, Name, first_fault
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
-Unit = Annotated[str, Field(min_length=1, max_length=16)]
+Unit = Annotated[str, Field(max_length=16, pattern=r"^[A-Za-zµ°%Ω][A-Za-z0-9µ°%Ω/^ .-]*$")]
 Quantity = Literal["contact force", "net force", "joint angle"]
 
 
@@ -37,7 +37,7 @@ class Channel:
     rate: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     """Largest change of the command a second [unit/s]; None: not limited."""
     drive: Finite | None = None
-    """Command at the far end of a dataset's paths [unit]; None: the end of the range that is further from 0."""
+    """Command at the far end of a dataset's paths [unit]; None: the end of the range further from 0."""
 
     @property
     def peak(self) -> float:
@@ -125,7 +125,7 @@ class Schema:
 
     @property
     def controlled(self) -> str:
-        """The sensor that force control follows by default: the first net force, or the first estimated one."""
+        """The sensor that force control follows by default: the first sum, or the first estimated one."""
         sums = [s.name for s in self.sensors if s.parts and s.name in self.controllable]
         return (sums or list(self.controllable))[0]
 
@@ -153,7 +153,8 @@ class Schema:
         parts = self._parts(name)
         if parts is None:
             raise InputError(
-                f"sensor {name}: it is not estimated from images; choose one of {', '.join(self.controllable)}"
+                f"sensor {name}: it is not estimated from images; choose one of "
+                f"{', '.join(self.controllable)}"
             )
         return np.array([float(parts.count(output)) for output in self.outputs])
 
@@ -194,7 +195,8 @@ def difference(
 ) -> str | None:
     """How the second schema differs from the first in the given parts, in words, or None if they agree.
 
-    Names of systems may differ: two systems are interchangeable where their channels, sensors and cameras agree.
+    Names of systems may differ: two systems are interchangeable where their channels, sensors and cameras
+    agree.
     """
     for kind in parts:
         mine, other = getattr(first, kind), getattr(second, kind)

@@ -52,8 +52,8 @@ class Actuator(eqx.Module):
 class System(eqx.Module):
     """What is simulated, actuated, sensed and seen.
 
-    It is a JAX pytree, as robots are: numbers can be batched, traced and differentiated; names, kinds and counts
-    are fixed, and select the compiled code.
+    It is a JAX pytree, as robots are: numbers can be batched, traced and differentiated; names, kinds and
+    counts are fixed, and select the compiled code.
 
     name        (static)
     bodies      rods and links in a tree, parents first

@@ -1,7 +1,7 @@
 """Numbers with their units, as texts: "45 mm", "300 kPa", "0.04 N m/rad" → SI.
 
-A dozen quantities with a handful of units each: a table says exactly what is accepted, and so does every error.
-A library of units (pint) would also take expressions, which a file of unknown origin must not hold.
+A dozen quantities with a handful of units each: a table says exactly what is accepted, and so does every
+error. A library of units (pint) would also take expressions, which a file of unknown origin must not hold.
 """
 
 import math
@@ -29,6 +29,7 @@ MODULUS = Kind("a modulus", "300 kPa", {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa"
 DENSITY = Kind("a density", "1070 kg/m^3", {"kg/m^3": 1.0, "g/cm^3": 1e3})
 MASS = Kind("a mass", "20 g", {"kg": 1.0, "g": 1e-3})
 FORCE = Kind("a force", "0.5 N", {"N": 1.0, "mN": 1e-3, "kN": 1e3})
+TORQUE = Kind("a torque", "0.1 N m", {"N m": 1.0, "mN m": 1e-3, "N mm": 1e-3})
 STIFFNESS = Kind("a stiffness", "1000 N/m", {"N/m": 1.0, "N/mm": 1e3, "kN/m": 1e3})
 ROTARY_STIFFNESS = Kind(
     "a rotary stiffness",
