@@ -25,7 +25,9 @@ _BATCH = 64
 class Estimator(Protocol):
     """Sensors from images; all that control needs of an estimator."""
 
-    def estimate(self, images: UInt8[np.ndarray, "frames height width"]) -> Float32[np.ndarray, "frames outputs"]:
+    def estimate(
+        self, images: UInt8[np.ndarray, "frames height width"]
+    ) -> Float32[np.ndarray, "frames outputs"]:
         """The estimated sensors of a schema [their units], one row an image."""
         ...
 

@@ -95,7 +95,11 @@ class Measurement:
 
     def sum(self, weights: Float[np.ndarray, " outputs"]) -> float:
         """weights · outputs as they were read; NaN if nothing was."""
-        return math.nan if self.reading is None else float((self.reading.forces[0] * weights.astype(np.float32)).sum())
+        return (
+            math.nan
+            if self.reading is None
+            else float((self.reading.forces[0] * weights.astype(np.float32)).sum())
+        )
 
 
 @dataclass(frozen=True)
@@ -162,7 +166,9 @@ class Guarded:
         self._steps += 1
         self._inside += 1
         fault = self._fault(measurement)
-        outputs = None if fault or measurement.reading is None else measurement.reading.forces[0].astype(float)
+        outputs = (
+            None if fault or measurement.reading is None else measurement.reading.forces[0].astype(float)
+        )
         doubt = fault or self._doubt(measurement, goal, outputs)
         self._bad = self._bad + 1 if fault else 0
         self._good = 0 if fault else self._good + 1

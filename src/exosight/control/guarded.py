@@ -48,11 +48,11 @@ def run_guarded(plant: Plant, guarded: Guarded, sense: Sense, target: Float[np.n
     config = guarded.config
     found = difference(config.schema, plant.schema)
     if found:
-        raise InputError(f"controller: the plant is not the one that it was tuned for: {found}; tune it again")
+        raise InputError(
+            f"controller: the plant is not the one that it was tuned for: {found}; tune it again"
+        )
     driver = _Driver(guarded, sense)
-    return run(
-        plant, driver, driver.measure, target, config.sensor, config.channel, rate=1 / config.period
-    )
+    return run(plant, driver, driver.measure, target, config.sensor, config.channel, rate=1 / config.period)
 
 
 class _Driver:

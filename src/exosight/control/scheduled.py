@@ -121,7 +121,9 @@ class Scheduled:
             at = max(at, min(begin, self.config.u_max))  # nothing presses yet: go to where contact begins
         size, least = abs(end - begin), self.config.smallest_gain * abs(error)
         self._stalls = self._stalls + 1 if size < least else 0
-        size = min(max(size, min(least, self.config.margin * self._stalls)), self.config.largest_gain * abs(error))
+        size = min(
+            max(size, min(least, self.config.margin * self._stalls)), self.config.largest_gain * abs(error)
+        )
         wanted = at + share * direction * size
         for fence in self._fences(goal, error, at, direction):
             # What lies behind already is passed; but just behind, in the margin of a jump to come, u rests.
@@ -135,7 +137,9 @@ class Scheduled:
         path = self.config.loading if direction > 0 else self.config.unloading
         fences = []
         if abs(error) <= TOLERANCE * goal:
-            fences = [float(path.u[i - 1]) - direction * self.config.margin for i in np.flatnonzero(path.snapped)]
+            fences = [
+                float(path.u[i - 1]) - direction * self.config.margin for i in np.flatnonzero(path.snapped)
+            ]
         if direction in self._jumped and not path.skips(goal):
             fences.append(self._jumped[direction])
         return fences
