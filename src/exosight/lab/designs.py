@@ -7,7 +7,8 @@ from typing import Any, Protocol
 
 from exosight.errors import InputError
 from exosight.lab.pose_cache import round125
-from exosight.system.designs import Design, FileDesigns
+from exosight.system.design import Design
+from exosight.system.designs import FileDesigns
 from exosight.system.file import describe
 from exosight.system.schema import Schema
 from exosight.system.system import System

@@ -1,24 +1,17 @@
 """Pictures of a view: as the camera takes them, and as files."""
 
 import base64
-import dataclasses
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
 
 from exosight.lab.settings import Look
-from exosight.vision.appearance import (
-    BACKGROUND_KINDS,
-    OCCLUSION_KINDS,
-    Appearance,
-    AppearanceVariation,
-    draw_appearance,
-)
-from exosight.vision.augment import augment
+from exosight.vision.augment import Appearance, augment
 from exosight.vision.corruptions import CORRUPTIONS, corrupt
+from exosight.vision.transforms.composition import BACKGROUND_KINDS
+from exosight.vision.transforms.foreground import OCCLUSION_KINDS
 
-_NEUTRAL = draw_appearance(AppearanceVariation(), 0, np.arange(1))
 _SPOILT: dict[str, dict[str, float]] = {
     "blur": {"blur": 2.0},
     "occlusion": {
@@ -51,14 +44,8 @@ def photograph(
         "tilt_y": look.tilt,
         **_SPOILT.get(look.corruption, {}),
     }
-    image = augment(clean, _appearance(changed))
+    image = augment(clean, Appearance.neutral(1, **changed))
     return corrupt(image, look.corruption, seed=0, first=frame) if look.corruption in CORRUPTIONS else image
-
-
-def _appearance(changed: dict[str, float]) -> Appearance:
-    return dataclasses.replace(
-        _NEUTRAL, **{name: np.array([float(value)]) for name, value in changed.items()}
-    )
 
 
 def png_of(image: UInt8[np.ndarray, "height width"]) -> bytes:

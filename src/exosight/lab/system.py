@@ -12,7 +12,7 @@ from exosight.lab.designs import DesignControls, FileControls, key_of
 from exosight.lab.pose_cache import CachedSystem, Drive, Grid, Move, PoseCache, grid_of
 from exosight.lab.published_controls import PublishedControls
 from exosight.lab.settings import Look, LoopSettings, PathSettings, View
-from exosight.system.designs import FileDesigns
+from exosight.system.designs import DesignSet, FileDesigns
 from exosight.system.schema import Schema, SensorSpec, difference
 
 PUBLISHED = "published"
@@ -24,7 +24,8 @@ class LabSystem:
     """One system, and all that is remembered of its designs.
 
     name      as `--system` is given it
-    controls  of its designs
+    designs   of the system
+    controls  of these designs on the page
     grids     of its channels, in their order
     network   that reads pictures
     model     file of the network, if it is not the package's own
@@ -32,6 +33,7 @@ class LabSystem:
     """
 
     name: str
+    designs: DesignSet
     controls: DesignControls
     grids: tuple[Grid, ...]
     network: OnnxEstimator
@@ -136,7 +138,7 @@ def open_system(name: str = PUBLISHED, model: Path | None = None) -> LabSystem:
     controls = FileControls(designs) if isinstance(designs, FileDesigns) else PublishedControls()
     network = OnnxEstimator.load(DEFAULT_MODEL if model is None else model, alone=True)
     grids = tuple(grid_of(channel) for channel in controls.schema.channels)
-    return LabSystem(name, controls, grids, network, model, _refusal(network, controls.schema))
+    return LabSystem(name, designs, controls, grids, network, model, _refusal(network, controls.schema))
 
 
 def stops_of(commands: Sequence[float], channels: int) -> tuple[tuple[float, ...], ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.control.estimator import Reading
+from exosight.dataset.simulation import causes, first_cause
 from exosight.lab.estimates import judge, reading_of
 from exosight.lab.pictures import photograph, png_text
 from exosight.lab.pose_cache import STRIDE, CachedSystem, Move, Rest, round125
@@ -19,7 +20,7 @@ from exosight.system.observation import Observation, observe
 from exosight.system.sensors import ContactForce
 from exosight.system.surfaces import SphereSurface
 from exosight.system.system import System
-from exosight.vision.renderer import Tube, render
+from exosight.vision.scene import picture
 
 _PART = 16  # steps of a path that are solved in one go
 
@@ -32,7 +33,7 @@ class Seen:
     observation  of it, without batch dimensions
     image        (height, width)   gray 0…255
     reading      what the network reads off the image, one row; None where it cannot read this system
-    notes        what is to be known of the pose
+    notes        why datasets would drop the frame, if they would
     """
 
     rest: Rest
@@ -47,10 +48,10 @@ def see(view: View, lab: LabSystem) -> Seen:
     cached = lab.cached(view)
     rest = cached.at(lab.moves(view))
     observation = observe_one(cached.stacked, rest.q)
-    image = photograph(view.look, picture_of(cached.system, observation))
+    axes = {name: axis[None] for name, axis in observation.axes.items()}
+    image = photograph(view.look, picture(cached.system, axes))
     reading = lab.network.read(image) if lab.refusal is None else None
-    notes = () if rest.converged else ("no stable pose was found here; what is seen is the best point",)
-    return Seen(rest, observation, image[0], reading, notes)
+    return Seen(rest, observation, image[0], reading, _notes(lab, cached.system, rest, observation))
 
 
 def observe_one(stacked: System, q: Float[np.ndarray, " dofs"]) -> Observation:
@@ -59,10 +60,21 @@ def observe_one(stacked: System, q: Float[np.ndarray, " dofs"]) -> Observation:
     return jax.tree.map(lambda leaf: np.asarray(leaf)[0, 0], observation)
 
 
-def picture_of(system: System, observation: Observation) -> UInt8[np.ndarray, "1 height width"]:
-    """The clean picture of a system's first camera."""
-    tubes = [Tube(observation.axes[t.name][None], np.asarray(t.radius)[None], t.shade) for t in system.tubes]
-    return render(tubes, system.camera())
+_NOTES = {
+    "not_converged": "no stable pose was found at this command; what is seen is the best point",
+    "crosses_itself": "a rod crosses itself, which it does not feel; datasets drop such frames",
+}
+
+
+def _notes(lab: LabSystem, system: System, rest: Rest, observation: Observation) -> tuple[str, ...]:
+    """The first cause for which datasets drop this frame, in words."""
+    one: Observation = jax.tree.map(lambda leaf: leaf[None, None], observation)
+    names = causes(lab.designs)
+    cause = int(first_cause(lab.designs, system, np.array([[rest.converged]]), one)[0, 0])
+    if cause == len(names):
+        return ()
+    name = names[cause]
+    return (_NOTES.get(name, f"{name.replace('_', ' ')}; datasets drop such frames"),)
 
 
 def answer(view: View, seen: Seen, lab: LabSystem) -> dict[str, Any]:
