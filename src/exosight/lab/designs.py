@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from exosight.errors import InputError
 from exosight.lab.pose_cache import round125
@@ -71,6 +71,7 @@ class Group:
     choice: Choice | None = None
 
 
+@runtime_checkable
 class DesignControls(Protocol):
     """The designs of one system, as the page sets them: values by key, those left out are nominal."""
 
@@ -115,8 +116,10 @@ class FileControls:
         for entry, value in values.items():
             slider = self._sliders.get(entry)
             if slider is None:
-                known = ", ".join(self._sliders) or "nothing"
-                raise InputError(f"design.{entry[:80]}: it does not vary in {self.schema.system}; {known} does")
+                known = ", ".join(self._sliders) or "no entry at all"
+                raise InputError(
+                    f"design.{entry[:80]}: it does not vary in {self.schema.system}; expected {known}"
+                )
             number = isinstance(value, int | float) and not isinstance(value, bool)
             if not (number and slider.low <= value <= slider.high):  # NaN fails here too
                 raise InputError(

@@ -15,23 +15,16 @@ from exosight.system.schema import Schema
 
 def reading_of(reading: Reading, schema: Schema) -> dict[str, Any]:
     """A reading of one image: by sensor, what is estimated and the sums of it [each in its unit]."""
+    columns = (reading.forces, reading.low, reading.high, reading.contact)
+    rows = np.stack([column[0] for column in columns], axis=-1).tolist()
     estimates = {
-        name: {
-            "value": _rounded(reading.forces[0, i]),
-            "low": _rounded(reading.low[0, i]),
-            "high": _rounded(reading.high[0, i]),
-            "contact": _rounded(reading.contact[0, i]),
-        }
-        for i, name in enumerate(schema.outputs)
+        name: dict(zip(("value", "low", "high", "contact"), (round(each, 5) for each in row), strict=True))
+        for name, row in zip(schema.outputs, rows, strict=True)
     }
     for name in schema.controllable:
         if name not in estimates:
-            estimates[name] = {"value": _rounded(float(schema.weights(name) @ reading.forces[0]))}
+            estimates[name] = {"value": round(float(schema.weights(name) @ reading.forces[0]), 5)}
     return {"estimates": estimates, "ood_score": round(float(reading.ood_score[0]), 3)}
-
-
-def _rounded(value: float) -> float:
-    return round(float(value), 5)
 
 
 def judge(

@@ -90,7 +90,7 @@ class LabSystem:
             if len(commands) != len(self.grids):
                 names = ", ".join(grid.channel.name for grid in self.grids)
                 raise InputError(
-                    f"drive.{stop}: expected {len(self.grids)} commands ({names}), got {len(commands)}"
+                    f"drive.{stop}: expected a command for each channel ({names}), got {len(commands)}"
                 )
             for channel, (grid, command) in enumerate(zip(self.grids, commands, strict=True)):
                 moves.append((channel, _steps(grid, command, f"drive.{stop}.{grid.channel.name}")))
@@ -161,10 +161,11 @@ def _refusal(network: OnnxEstimator, schema: Schema) -> str | None:
 
 def _steps(grid: Grid, command: float, place: str) -> int:
     """A command in steps; InputError if it is out of range, or between two steps."""
-    unit, steps = grid.channel.unit, round(command / grid.step)
-    if abs(command - steps * grid.step) > 1e-6 * grid.step:
-        raise InputError(f"{place}: expected multiples of {grid.step:g} {unit}, got {command:g}")
-    if not grid.bottom <= steps <= grid.top:
-        low, high = grid.command(grid.bottom), grid.command(grid.top)
+    unit, low, high = grid.channel.unit, grid.command(grid.bottom), grid.command(grid.top)
+    near = 1e-6 * grid.step
+    if not low - near <= command <= high + near:
         raise InputError(f"{place}: expected {low:g} to {high:g} {unit}, got {command:g}")
+    steps = round(command / grid.step)
+    if abs(command - steps * grid.step) > near:
+        raise InputError(f"{place}: expected multiples of {grid.step:g} {unit}, got {command:g}")
     return steps

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -18,6 +18,7 @@ Row = Mapping[str, float]
 TURN = 2 * np.pi
 
 
+@runtime_checkable
 class Transform(Protocol):
     """One thing that may become of a picture."""
 
