@@ -13,6 +13,7 @@ from exosight.lab.security import LOOPBACK
 from exosight.lab.server import application, listen, server_of
 from exosight.lab.system import LabSystem, open_system
 
+
 @dataclass(frozen=True)
 class Address:
     host: str
@@ -67,6 +68,18 @@ def address(lab: LabSystem) -> Iterator[Address]:
 def guarded_address(lab: LabSystem) -> Iterator[Address]:
     """The lab as it is bound elsewhere: with the token "secret"."""
     yield from served(lab, None, "secret")
+
+
+@pytest.fixture(scope="module")
+def thumb_address(thumb: LabSystem) -> Iterator[Address]:
+    """The lab of a system file."""
+    yield from served(thumb, LOOPBACK, None)
+
+
+@pytest.fixture(scope="module")
+def assisted_address(assisted: LabSystem) -> Iterator[Address]:
+    """The lab of a system of two channels."""
+    yield from served(assisted, LOOPBACK, None)
 
 
 @pytest.fixture(scope="module")

@@ -108,7 +108,9 @@ class FileControls:
         self._designs = designs
         self.schema = designs.schema
         tables = describe(designs.values).vary
-        self._sliders = {table.entry: _slider(designs, table.entry, table.low, table.high) for table in tables}
+        self._sliders = {
+            table.entry: _slider(designs, table.entry, table.low, table.high) for table in tables
+        }
         self.groups = (Group(designs.name, tuple(self._sliders.values())),) if tables else ()
 
     def complete(self, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -180,7 +182,7 @@ def _entry(values: Any, entry: str) -> Any:
 
 
 def _in_unit(value: str | float, unit: str) -> float:
-    """The number of a text such as "250 kPa" in a unit; ValueError if it is no such text, or another quantity."""
+    """The number of a text such as "250 kPa" in a unit; ValueError for another quantity, or no such text."""
     if not unit:
         return float(value)
     number, given = split_quantity(value, f"1 {unit}")

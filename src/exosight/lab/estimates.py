@@ -27,9 +27,7 @@ def reading_of(reading: Reading, schema: Schema) -> dict[str, Any]:
     return {"estimates": estimates, "ood_score": round(float(reading.ood_score[0]), 3)}
 
 
-def judge(
-    image: UInt8[np.ndarray, "height width"], reading: Reading, schema: Schema
-) -> dict[str, str]:
+def judge(image: UInt8[np.ndarray, "height width"], reading: Reading, schema: Schema) -> dict[str, str]:
     """The state of a guard at rest that is shown this picture twice, and why.
 
     Its limits are those by default; no law acts, so the paths it knows are flat.

@@ -1,10 +1,10 @@
 """Equilibria of systems along the moves that they are driven by, solved once and remembered.
 
 A pose follows from the moves that lead to it (hysteresis), so it is known by the system and its drive: one
-channel after another moved to a command, from rest. (0, 80), (0, 48) is channel 0 up to 80 steps and back to 48.
-What a move passes over is a branch: every second step of its channel, solved in pieces that always begin at
-the same places; what lies between is solved from the step before it. So a pose does not depend on what else was
-asked for, and while a command moves on a branch that is known, next to nothing is solved.
+channel after another moved to a command, from rest. (0, 80), (0, 48) is channel 0 up to 80 steps and back to
+48. What a move passes over is a branch: every second step of its channel, solved in pieces that always begin
+at the same places; what lies between is solved from the step before it. So a pose does not depend on what
+else was asked for, and while a command moves on a branch that is known, next to nothing is solved.
 """
 
 import math
@@ -157,7 +157,7 @@ class CachedSystem:
                 none = np.zeros((1, len(self.grids)))
                 self._rest = self._follow(np.zeros(self.robot.dofs), none)[0]
             return self._rest
-        branch, (channel, goal) = self._branch(drive), drive[-1]
+        branch, (_, goal) = self._branch(drive), drive[-1]
         needed = branch.until(goal)
         while len(branch.solved) < needed:
             piece = branch.places[len(branch.solved) : len(branch.solved) + _PIECE]

@@ -126,7 +126,5 @@ def _parameters(family: str) -> tuple[Slider, ...]:
         zip(_PARAMETERS[family], allowed, STARTS[family], strict=True)
     ):
         unit, scale = shown.get(each.unit, (each.unit, 1.0))
-        sliders.append(
-            Slider("parameters", label, unit, scale, each.low, each.high, each.step, start, place)
-        )
+        sliders.append(Slider("parameters", label, unit, scale, each.low, each.high, each.step, start, place))
     return tuple(sliders)

@@ -65,9 +65,7 @@ class _Work:
             return await asyncio.to_thread(job, *args, **kwargs)
 
 
-def application(
-    lab: LabSystem, start: View, hosts: frozenset[str] | None, token: str | None
-) -> Starlette:
+def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token: str | None) -> Starlette:
     """The lab as an ASGI application.
 
     lab     the system that it shows

@@ -54,8 +54,8 @@ class View:
     design: DesignValues = Field(default_factory=dict)
     """what differs from the nominal design, by the keys of the system's sliders; see `DesignControls`"""
     drive: Annotated[tuple[Commands, ...], Field(max_length=64)] = ()
-    """stops, one after the other from rest, each a command a channel [their units]; to each of them the channels
-    move one by one, in their order; the last stop is seen, and rest if there is none"""
+    """stops, one after the other from rest, each a command a channel [their units]; the channels move there
+    one by one, in their order; the last stop is seen, and rest if there is none"""
     look: Look = Field(default_factory=Look)
     """what the camera does"""
 
@@ -100,8 +100,8 @@ Settings = TypeVar("Settings", View, PathSettings, LoopSettings)
 def read_settings(kind: type[Settings], body: bytes) -> Settings:
     """Settings from JSON.
 
-    Raises InputError with one sentence for what is no JSON, unknown, missing or out of range. Whether they fit a
-    system is for `LabSystem` to say.
+    Raises InputError with one sentence for what is no JSON, unknown, missing or out of range. Whether they
+    fit a system is for `LabSystem.check` to say.
     """
     try:
         return pydantic.TypeAdapter(kind).validate_json(body, strict=True)

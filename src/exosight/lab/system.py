@@ -1,4 +1,4 @@
-"""The system that the lab shows: its designs, the commands that its channels take, the network that looks at it."""
+"""The system that the lab shows: its designs, the commands of its channels, the network that looks at it."""
 
 import shlex
 from collections.abc import Sequence
@@ -68,7 +68,7 @@ class LabSystem:
                 raise InputError(f"measured: {self.refusal}")
 
     def channel(self, name: str | None) -> int:
-        """Place of a channel among all; the first by default. Raises InputError if there is none of this name."""
+        """Place of a channel among all, by default the first; InputError if there is none of this name."""
         names = [grid.channel.name for grid in self.grids]
         if name is not None and name not in names:
             raise InputError(
@@ -77,7 +77,7 @@ class LabSystem:
         return 0 if name is None else names.index(name)
 
     def sensor(self, name: str | None) -> SensorSpec:
-        """A sensor; by default the one that control follows. Raises InputError if there is none of this name."""
+        """A sensor, by default the one that control follows; InputError if there is none of this name."""
         return self.schema.sensor(self.schema.controlled if name is None else name)
 
     def moves(self, view: View) -> list[Move]:
@@ -107,9 +107,7 @@ class LabSystem:
     def cached(self, view: View) -> CachedSystem:
         """The system of a view with all that is known of it."""
         values = self.controls.complete(view.design)
-        return self.poses.get(
-            key_of(values), lambda: CachedSystem(self.controls.build(values), self.grids)
-        )
+        return self.poses.get(key_of(values), lambda: CachedSystem(self.controls.build(values), self.grids))
 
     def command(self, view: View) -> str:
         """The command that opens the page with this view; with `--out FOLDER` it writes the view's files."""
