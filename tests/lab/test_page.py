@@ -146,7 +146,7 @@ def test_a_system_file_has_its_own_sliders_and_sensors_and_says_why_there_are_no
 ) -> None:
     page = open_thumb()
     page.wait_for_selector("#path path.down")
-    assert [each.inner_text() for each in page.locator("#sensors th[scope=row]").all()] == [
+    assert [each.text_content() for each in page.locator("#sensors th[scope=row]").all()] == [
         "P1 [N]", "P2 [N]", "P3 [N]", "Fnet [N]", "knuckle [rad]"
     ]  # fmt: skip
     expect(page.locator("#no-estimates")).to_contain_text(

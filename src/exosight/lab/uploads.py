@@ -30,12 +30,12 @@ def read_upload(data: bytes, width: int, height: int) -> UInt8[np.ndarray, "heig
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with Image.open(io.BytesIO(data), formats=_KINDS) as picture:
-                width, height = picture.size
+                columns, rows = picture.size
     except (UnidentifiedImageError, Image.DecompressionBombError, OSError, ValueError, SyntaxError, EOFError):
         raise DataError("picture: not one that can be read, or damaged; give a PNG or JPEG file") from None
-    if width * height > _PIXELS:
+    if columns * rows > _PIXELS:
         raise DataError(
-            f"picture: {width}×{height} pixels, up to {_PIXELS // 10**6} million are read; make it smaller"
+            f"picture: {columns}×{rows} pixels, up to {_PIXELS // 10**6} million are read; make it smaller"
         )
     return decode_gray(data, "picture", width, height)
 
