@@ -37,7 +37,7 @@ print(f"{len(split.train)} frames to learn from, {len(split.test)} to be judged 
 #
 # ``fit`` writes checkpoint, loss curves and ``model.onnx`` into a folder; a stopped run goes on with
 # ``resume=True``. The split is by frame here because eleven shapes are too few to keep some back; use
-# ``"shape"`` for an honest figure. For 128 × 128 pictures of a set-up like the published one,
+# ``"design"`` for an honest figure. For 128 × 128 pictures of a set-up like the published one,
 # ``pretrained=load_pretrained(DEFAULT_MODEL)`` goes on from the shipped network instead of from nothing.
 
 history = fit(data, split, TrainConfig(epochs=EPOCHS, threads=1), folder / "light", resume=False)
@@ -52,7 +52,7 @@ epochs, learned, rates = np.array([(r.epoch, r.train_loss, r.learning_rate) for 
 checks = np.array([(r.epoch, r.validation_loss) for r in history if r.validation_loss is not None]).T
 curves = loss_curves(epochs.astype(int), learned, checks[0].astype(int), *checks[1:], rates, "loss [-]")
 network = OnnxEstimator.load(folder / "light" / "model.onnx")
-truth, images = data.frames.forces[split.test], data.frames.images[split.test]
+truth, images = data.frames.labels[split.test], data.frames.images[split.test]
 print(f"light network: mean r {score(truth, network.estimate(images)).r.mean:.2f}")
 
 # %%
@@ -83,7 +83,7 @@ class Ridge:
         return np.maximum(self.features(images) @ self.weights, 0).astype(np.float32)
 
 
-ridge = Ridge(data.frames.images[split.train], data.frames.forces[split.train])
+ridge = Ridge(data.frames.images[split.train], data.frames.labels[split.train])
 assert isinstance(ridge, Estimator)
 print(f"ridge regression: mean r {score(truth, ridge.estimate(images)).r.mean:.2f}")
 

@@ -55,7 +55,7 @@ def design_set(config: GenerateConfig, description: Values | None) -> DesignSet:
     for option in PUBLISHED_ONLY:
         if getattr(config, option) != getattr(_NOMINAL, option):
             raise InputError(
-                f"{option}: an option of the published system alone; leave it out, and say it in {config.system}"
+                f"{option}: is an option of the published system alone; {config.system} says it itself"
             )
     return FileDesigns(description)
 

@@ -2,7 +2,7 @@
 
 frame      60/20/20 % of the frames at random: the published protocol. Near-identical frames of one design
            fall on both sides, so it measures interpolation along known paths.
-design     60/20/20 % of the designs, every scenario divided as evenly as possible: unseen designs, known kinds.
+design     60/20/20 % of the designs, every scenario divided as evenly as possible: known kinds.
 family     the test part is every frame of one family; the other designs are divided 75/25 %: unseen kinds.
 variation  the test part is the fifth of the frames in which one thing that varies in the dataset is largest,
            such as a modulus or the turn of the camera; the designs of the others are divided 75/25 %:

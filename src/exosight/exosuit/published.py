@@ -2,7 +2,7 @@
 
 from collections.abc import Hashable
 from dataclasses import fields, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool
@@ -10,7 +10,7 @@ from jaxtyping import Bool
 from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.exosuit.assembly import MAX_FORCE, ROD, Exosuit, assemble, varied
-from exosight.exosuit.scenarios import SCENARIOS, SampledShape, geometry, sample_shapes
+from exosight.exosuit.scenarios import SCENARIOS, geometry, sample_shapes
 from exosight.exosuit.shapes import FAMILIES, TABLE_I, ExosuitShape, shape_from_dict, shape_to_dict
 from exosight.exosuit.variation import PlantVariation, Variant, draw_variant
 from exosight.mechanics import PressureLine, SphereContact
@@ -125,7 +125,7 @@ class PublishedDesigns:
 
     def draw(self, per_scenario: int, seed: int) -> tuple[Design, ...]:
         """Distinct shapes of each scenario, see `sample_shapes`; the rest depends on seed and number."""
-        return tuple(self._design(sampled, seed) for sampled in sample_shapes(per_scenario, seed))
+        return _drawn(per_scenario, seed)
 
     def exosuit(self, design: Design) -> Exosuit:
         """The worn exosuit of a design."""
@@ -136,7 +136,7 @@ class PublishedDesigns:
         return published(self.exosuit(design), self.camera)
 
     def numbers(self, design: Design) -> dict[str, float]:
-        """The fields of the design's `Variant`, of several numbers with the number's place; none if none vary."""
+        """The fields of the design's `Variant`, of several numbers with their places; none if none vary."""
         if self.variation == PlantVariation():
             return {}
         numbers: dict[str, float] = {}
@@ -159,11 +159,19 @@ class PublishedDesigns:
             raise InputError(f"design {design.number}: expected the seed that it was drawn by, got {seed!r}")
         return draw_variant(self.variation, seed, design.number)
 
-    def _design(self, sampled: SampledShape, seed: int) -> Design:
-        family = self.families.index(sampled.shape.surface.family)
-        return Design(
-            sampled.shape_id, family, sampled.scenario, {**shape_to_dict(sampled.shape), "seed": seed}
+
+@lru_cache(maxsize=2)
+def _drawn(per_scenario: int, seed: int) -> tuple[Design, ...]:
+    """The designs of a dataset; a process makes many chunks of the same."""
+    return tuple(
+        Design(
+            sampled.shape_id,
+            list(FAMILIES).index(sampled.shape.surface.family),
+            sampled.scenario,
+            {**shape_to_dict(sampled.shape), "seed": seed},
         )
+        for sampled in sample_shapes(per_scenario, seed)
+    )
 
 
 def _shape(design: Design) -> ExosuitShape:

@@ -60,7 +60,7 @@ class DesignSet(Protocol):
 
     @property
     def filters(self) -> Mapping[str, Filter]:
-        """Frames that a dataset leaves out beside those that are no equilibria or cross themselves, by cause."""
+        """Frames that a dataset leaves out, beside no equilibria and crossing rods, by cause."""
         ...
 
     def draw(self, per_scenario: int, seed: int) -> tuple[Design, ...]:

@@ -52,7 +52,7 @@ class Appearance:
             raise InputError(f"appearance: expected columns of one length, got lengths {sorted(lengths)}")
 
     @classmethod
-    def neutral(cls, frames: int, **changed: float | Column) -> "Appearance":
+    def neutral(cls, frames: int, **changed: int | float | Column) -> "Appearance":
         """What changes nothing but by the columns given, each one number for all frames or one a frame.
 
         Raises InputError for a column that there is not.

@@ -91,7 +91,7 @@ class Exposure:
         "noise": 0.0,  # variance of Gaussian noise [full scale²]; its mean is the paper's
         "shot": 0.0,  # variance of shot noise at white [full scale²]
     }
-    switches: ClassVar = ("gamma", "range", "noise", "shot")
+    switches: ClassVar = ("gamma", "dark", "range", "noise", "shot")
     separates: ClassVar = False
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
