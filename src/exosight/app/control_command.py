@@ -13,6 +13,7 @@ from exosight.control.simulated import SimulatedPlant
 from exosight.evaluation import Column, Table, figures
 from exosight.evaluation.tables import Cell
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 from exosight.exosuit.shapes import shape_to_dict
 from exosight.files import as_csv, write_new_file
 from exosight.system.camera import Camera
@@ -31,7 +32,7 @@ def run_trials(exosuit: Exosuit, camera: Camera, measure: Measure) -> Controller
             finished += 1
             update(finished, TRIALS)
 
-        return study(SimulatedPlant(exosuit, camera), measure, done)
+        return study(SimulatedPlant(published(exosuit, camera)), measure, done)
 
 
 def write_trials(trials: ControllerStudy, model: str | None, camera: Camera, folder: Path) -> None:
@@ -116,6 +117,6 @@ def _time_series(trial: Trial) -> str:
     """A trial as CSV, a row a step."""
     record = trial.record
     heads = ("time [s]", "target [N]", "F_net true [N]", "F_net measured [N]", "u [N]", "converged")
-    columns = (record.time, record.target, record.F_net_true, record.F_net_estimated, record.u)
+    columns = (record.time, record.target, record.true, record.estimated, record.command)
     rows = zip(*(column.tolist() for column in columns), record.converged.astype(int), strict=True)
     return as_csv(heads, rows, digits=9)

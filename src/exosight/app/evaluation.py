@@ -103,7 +103,7 @@ class Evaluation:
         if not self.baselines:
             return tables
         cases = {"this network": scores, **self.baselines}
-        note = "The baselines have no image; those with commands know them, and of one whether it rises or falls."
+        note = "The baselines have no image; those with one command also know whether it rises or falls."
         return (*tables, mean_table("baselines", f"Mean ± SD over {self._span}", cases, "estimator", note))
 
     @property

@@ -13,7 +13,7 @@ from exosight.learning.config import TrainConfig
 CONFIG = "study.json"
 """Name of the configuration in a study's folder."""
 
-_SPLIT_WORDS = {"design": "by shape", "frame": "by frame"}
+SPLIT_WORDS = {"design": "shape", "frame": "frame"}
 """Designs of the published system are shapes of exosuits."""
 
 
@@ -37,12 +37,12 @@ class RunConfig:
     @property
     def name(self) -> str:
         """Network and split, as the report calls it."""
-        return f"{self.training.network} network, {_SPLIT_WORDS[self.protocol]}"
+        return f"{self.training.network} network, by {SPLIT_WORDS[self.protocol]}"
 
     @property
     def folder(self) -> str:
         """Its folder in the study's."""
-        return f"{self.training.network}_{_SPLIT_WORDS[self.protocol].removeprefix('by ')}"
+        return f"{self.training.network}_{SPLIT_WORDS[self.protocol]}"
 
 
 def _of_the_published_system(data: GenerateConfig) -> GenerateConfig:

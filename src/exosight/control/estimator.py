@@ -109,8 +109,8 @@ class OnnxEstimator:
                   lie in its interval: one of `exosight.learning.intervals.LEVELS`
         inputs    earlier images and commands, where its card says so
 
-        Raises InputError for images of another type or size, or other inputs; DataError if the network answers
-        no number.
+        Raises InputError for images of another type or size, or other inputs; DataError if the network
+        answers no number.
         """
         return self.read_levels(images, (level,), inputs)[level]
 

@@ -15,6 +15,11 @@ def sums(schema: Schema) -> tuple[str, ...]:
     )
 
 
+def contacts(schema: Schema) -> tuple[str, ...]:
+    """Names of all contact forces, estimated or not."""
+    return tuple(sensor.name for sensor in schema.sensors if sensor.quantity == "contact force")
+
+
 def with_sums(schema: Schema, values: Float[np.ndarray, "frames outputs"]) -> Float[np.ndarray, "frames all"]:
     """The estimated sensors, and behind them the `sums` [their units]."""
     return np.column_stack([values, *((values * schema.weights(name)).sum(axis=1) for name in sums(schema))])

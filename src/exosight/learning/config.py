@@ -66,10 +66,9 @@ class Settings:
     threads: int
     device: Literal["cpu", "cuda"]
     precision: Precision
-    # Last, and with defaults: checkpoints of runs that were begun without them are read as well.
-    history: int = 0
-    actuation: bool = False
-    pretrained: str = ""
+    history: int
+    actuation: bool
+    pretrained: str
     """SHA-256 of the network that it started from; empty where the first weights were random"""
 
 

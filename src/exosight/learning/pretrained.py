@@ -75,7 +75,7 @@ def check_pretrained(pretrained: Pretrained, identity: RunIdentity) -> None:
     there = (card.network, card.history, card.actuation)
     asked = (settings.network, settings.history, settings.actuation)
     names = ("network", "history", "actuation")
-    if fault := difference(card.schema, identity.schema):
+    if fault := difference(card.schema, identity.schema, ("sensors", "cameras", "channels")):
         raise InputError(f"pretrained: it is for another system: {fault}; start from one of the same kind")
     for name, has, wants in zip(names, there, asked, strict=True):
         if has != wants:

@@ -26,7 +26,7 @@ def estimate(
     """Estimate contact forces, and other sensors of a system, from pictures, with intervals and OOD scores.
 
     A picture is made gray and brought to the size that the network takes. It should show the system as
-    the network's camera does; for the shipped network: side view, finger to the right, on a bright background.
+    the network's camera does; for the shipped network: side view, finger to the right, bright background.
 
     Example:
       exosight estimate image.png

@@ -18,8 +18,8 @@ def evaluate(
     """Judge a network: accuracy, intervals, robustness, and detection of out-of-distribution images.
 
     On the dataset that the network learned from, only the test part of its split counts, and what is known
-    without an image stands beside; on any other of its system, all frames do. Images are taken clean, with the
-    paper's noise and contrast, and out of distribution. Of the published system, the paper's values stand
+    without an image stands beside; on any other of its system, all frames do. Images are taken clean, with
+    the paper's noise and contrast, and out of distribution. Of the published system, the paper's values stand
     beside.
 
     Example:

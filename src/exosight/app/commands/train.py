@@ -94,8 +94,6 @@ def train(
     parts = (len(split.train), len(split.validation), len(split.test))
     say("{} of its frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
     best = min((r for r in history if r.validation_loss is not None), key=lambda r: r.validation_loss or 0.0)
-    unit = common_unit(loaded.frames.schema)
-    say(
-        f"best epoch {best.epoch} of {len(history)}: validation error {best.validation_l1:.4f} {unit}".rstrip()
-    )
+    error = f"{best.validation_l1:.4f} {common_unit(loaded.frames.schema)}".rstrip()
+    say(f"best epoch {best.epoch} of {len(history)}: validation error {error}")
     say(f"wrote {out / MODEL}")

@@ -1,7 +1,7 @@
 """Figures of the results: plain arrays in, a Matplotlib Figure out, one look for all.
 
 loading_path, find_snaps, pose_strip                        motion.py
-overview, sphere_centres, Outline                           published.py
+overview, Outline                                           published.py
 identifiability_map                                         identifiability.py
 loss_curves                                                 learning.py
 sample_traces, predicted_against_true, rainclouds           accuracy.py
@@ -17,7 +17,7 @@ from exosight.evaluation.figures.control import steady_states, step_responses
 from exosight.evaluation.figures.identifiability import identifiability_map
 from exosight.evaluation.figures.learning import loss_curves
 from exosight.evaluation.figures.motion import find_snaps, loading_path, pose_strip
-from exosight.evaluation.figures.published import Outline, overview, sphere_centres
+from exosight.evaluation.figures.published import Outline, overview
 from exosight.evaluation.figures.reliability import reliability
 from exosight.evaluation.figures.robustness import corrupted_examples, robustness_bars
 from exosight.evaluation.figures.stress import stress
@@ -37,7 +37,6 @@ __all__ = [
     "reliability",
     "robustness_bars",
     "sample_traces",
-    "sphere_centres",
     "steady_states",
     "step_responses",
     "stress",

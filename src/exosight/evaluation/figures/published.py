@@ -74,23 +74,6 @@ def overview(
     return figure
 
 
-def sphere_centres(
-    joints: Float[np.ndarray, "nodes 2"], centres_of_mass: Float[np.ndarray, " links"]
-) -> Float[np.ndarray, "spheres 2"]:
-    """Return where the spheres lie, for `overview`: at the base and the centre of mass of each link.
-
-    joints           (links + 1, 2)   x, z of the joints and the fingertip [m]
-    centres_of_mass  (links,)         distance from the base of each link [m]
-    returns          (2 links, 2)     [m]
-    """
-    links = np.diff(joints, axis=0)
-    along = links / np.linalg.norm(links, axis=1, keepdims=True)
-    centres = np.empty((2 * len(links), 2))
-    centres[::2] = joints[:-1]
-    centres[1::2] = joints[:-1] + centres_of_mass[:, None] * along
-    return centres
-
-
 def _draw_finger(
     ax: Axes,
     spheres: Float[np.ndarray, "spheres 2"],
