@@ -31,7 +31,7 @@ from exosight.mechanics import (
     Robot,
     Rod,
     SolverOptions,
-    follow,
+    drive,
     potential,
     walk,
 )
@@ -193,11 +193,11 @@ def newton_residuals() -> dict[str, list[float]]:
     """The solver's residual after so many iterations, from the equilibrium at one load to that at another."""
 
     def line(robot: Robot, path: Sequence[float], load: float) -> list[float]:
-        q = follow([robot], np.array(path)[:, None]).q[:, -1]
+        q = drive([robot], np.array(path)[:, None]).q[:, -1]
         residuals = []
         for most in range(1, 16):
             options = SolverOptions(tolerance=1e-15, max_iterations=most)
-            residuals.append(float(follow([robot], np.array([[load]]), q=q, options=options).residual[0, 0]))
+            residuals.append(float(drive([robot], np.array([[load]]), q=q, options=options).residual[0, 0]))
             if residuals[-1] < 1e-12:  # round-off is near
                 break
         return residuals
@@ -213,7 +213,7 @@ def newton_residuals() -> dict[str, list[float]]:
 def iterations(per_scenario: int) -> dict[str, Any]:
     """How many Newton steps an equilibrium takes on the paper's path, so many shapes of each scenario."""
     robots = [assemble(Exosuit(sampled.shape)) for sampled in sample_shapes(per_scenario, seed=0)]
-    found = follow(robots, PATH[:, None])
+    found = drive(robots, PATH[:, None])
     steps = np.asarray(found.iterations).ravel()
     return {
         "shapes": len(robots),

@@ -39,7 +39,7 @@ from exosight.mechanics import (
     Robot,
     Rod,
     SphereContact,
-    follow,
+    drive,
     walk,
 )
 from exosight.mechanics.contact import Spheres
@@ -71,7 +71,7 @@ class Exosight:
         rod = Rod("rod", LENGTH, section, young=YOUNG, strains=strains, quadrature=points)
         if not self.sphere:
             robot = Robot((rod,), (DeadForce("rod", -1, 0, jnp.asarray(UP)),))
-            found = follow([robot], np.array([[TIP_FORCE]]))
+            found = drive([robot], np.array([[TIP_FORCE]]))
             return Rest(_converged_tip(robot, found), 0.0)
         at = int(np.argmin(np.abs(points.points - PROP / LENGTH)))
         mount = lie.translation(jnp.array([CENTRE[0], 0.0, CENTRE[1]]))
@@ -82,7 +82,7 @@ class Exosight:
         )
         sphere = Link("sphere", 0.0, jnp.zeros((1, 3)), mount=mount)
         robot = Robot((rod, sphere), (DeadForce("rod", -1, 0, jnp.asarray(-UP)), contact))
-        found = follow([robot], np.array([[PRESS]]))
+        found = drive([robot], np.array([[PRESS]]))
         positions = _walk(robot, found.q[0, 0]).position
         push = float(jnp.linalg.norm(contact.forces(robot, positions)[1][0]))
         return Rest(_converged_tip(robot, found), push)

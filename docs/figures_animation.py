@@ -21,7 +21,7 @@ from exosight.evaluation.figures.style import BLACK, ESTIMATED, GRAY, TRUE, new_
 from exosight.evaluation.metrics import CONTACTS
 from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
 from exosight.exosuit.published import published
-from exosight.mechanics import follow, stack
+from exosight.mechanics import drive, stack
 from exosight.system.camera import Camera, project
 from exosight.vision.scene import picture
 
@@ -44,7 +44,7 @@ def simulated() -> tuple[Exosuit, np.ndarray, Pose]:
     up = np.arange(0.0, TOP + STEP / 2, STEP)
     u = np.concatenate([up, up[-2::-1]])
     robot = assemble(exosuit)
-    found = follow([robot], u[:, None])
+    found = drive([robot], u[:, None])
     if not found.converged.all():
         raise SystemExit("animation: a pose did not converge")
     pose = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack([robot]), found.q))

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
-from exosight.mechanics import Circular, DeadForce, Gauss, NodalQuadratic, Robot, Rod, follow, walk
+from exosight.mechanics import Circular, DeadForce, Gauss, NodalQuadratic, Robot, Rod, drive, walk
 
 LENGTH, RADIUS, YOUNG = 0.3, 0.01, 1e6
 BLUE, ORANGE, GRAY = "#0072B2", "#E69F00", "#999999"
@@ -60,7 +60,7 @@ def main(folder: Path = Path("results/01_cantilever")) -> float:
     alpha = np.linspace(0.0, 10.0, 11)
     robot = cantilever(elements=4)
     stiffness = YOUNG * np.pi * RADIUS**4 / 4
-    found = follow([robot], alpha[:, None] * stiffness / LENGTH**2)
+    found = drive([robot], alpha[:, None] * stiffness / LENGTH**2)
     poses = eqx.filter_jit(jax.vmap(lambda q: walk(robot, q).pose))(found.q[0])
     shapes = np.asarray(poses[:, :, [0, 2], 3]) / LENGTH  # (loads, points, 2)
 

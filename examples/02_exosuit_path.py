@@ -21,7 +21,7 @@ from matplotlib.patches import Circle, Polygon
 
 from exosight.exosuit.assembly import QUADRATURE, Exosuit, assemble, observe
 from exosight.exosuit.shapes import ExosuitShape, Linear, radius
-from exosight.mechanics import follow, stack
+from exosight.mechanics import drive, stack
 
 BLUE, ORANGE, BLACK = "#0072B2", "#E69F00", "#000000"
 CONTACT_COLOURS = ["#000000", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#E69F00"]
@@ -55,7 +55,7 @@ def main(folder: Path = Path("results/02_exosuit_path")) -> float:
     up = np.linspace(0.0, 4.0, 81)
     u = np.concatenate([up, up[-2::-1]])
     robot = assemble(exosuit)
-    found = follow([robot], u[:, None])
+    found = drive([robot], u[:, None])
     pose = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack([robot]), found.q))
 
     figure = Figure(figsize=(7.0, 4.8), layout="constrained")

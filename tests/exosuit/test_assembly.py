@@ -13,7 +13,7 @@ from exosight.errors import InputError
 from exosight.exosuit.assembly import MAX_FORCE, QUADRATURE, ROD, Exosuit, Pose, assemble, observe
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import TABLE_I, CosineSum, ExosuitShape, Linear
-from exosight.mechanics import Equilibria, PressureLine, Robot, SphereContact, follow, stack, walk
+from exosight.mechanics import Equilibria, PressureLine, Robot, SphereContact, drive, stack, walk
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "planar_paths.json").read_text())
 STEP = 0.05
@@ -35,7 +35,7 @@ def robots() -> list[Robot]:
 def equilibria(robots: list[Robot]) -> Equilibria:
     """All six from 0 to 4 N in one batch."""
     u = STEP * np.arange(round(MAX_FORCE / STEP) + 1)
-    return follow(robots, u[:, None])
+    return drive(robots, u[:, None])
 
 
 @pytest.fixture(scope="module")

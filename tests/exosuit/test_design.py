@@ -6,7 +6,7 @@ import numpy as np
 
 from exosight.exosuit.assembly import QUADRATURE, assemble_surface, observe
 from exosight.exosuit.finger import Finger
-from exosight.mechanics import Robot, SolverOptions, differentiable, follow, stack
+from exosight.mechanics import Robot, SolverOptions, differentiable, drive, stack
 
 X = QUADRATURE.points
 LOADS = np.arange(0.0, 1.05, 0.1)[:, None]
@@ -31,7 +31,7 @@ def test_net_force_by_radii_length_modulus_and_contact_stiffness() -> None:
     steps = 1e-5 * np.diag(DESIGN)
     designs = [DESIGN, *(DESIGN + steps), *(DESIGN - steps)]
     robots = [robot(design) for design in designs]
-    found = follow(robots, LOADS, options=SolverOptions(tolerance=1e-13))
+    found = drive(robots, LOADS, options=SolverOptions(tolerance=1e-13))
     q = np.asarray(found.q)[:, -1]
     solved = np.asarray(observe(stack(robots), q[:, None]).net_force)[:, 0]
 

@@ -20,7 +20,7 @@ from exosight.mechanics import (
     PressureLine,
     Robot,
     Rod,
-    follow,
+    drive,
     helix,
     straight,
 )
@@ -193,7 +193,7 @@ def test_a_wound_cable_untwists_itself(turns: float) -> None:
     the tip of a uniform one turns by that times L/GJ, at ν = ½ with G = E/3 and J = 2 I.
     """
     u, radius = -1e-4, 0.004
-    found = follow([wound(helix(radius, turns), taper=0.0)], np.array([[u], [1000 * u]]))
+    found = drive([wound(helix(radius, turns), taper=0.0)], np.array([[u], [1000 * u]]))
     assert found.converged.all()
     lead = 2 * np.pi * radius * turns / LENGTH
     twist = u * radius * lead / np.hypot(1.0, lead) * LENGTH / (YOUNG / 3 * 2 * MOMENT)

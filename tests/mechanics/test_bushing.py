@@ -22,7 +22,7 @@ from exosight.mechanics import (
     Revolute,
     Robot,
     Rod,
-    follow,
+    drive,
     potential,
 )
 
@@ -149,7 +149,7 @@ def test_four_bar_linkage_closes_as_its_stiffness(torque: float) -> None:
 
     exact = turns(minimize_scalar(energy, bracket=(-0.1, 0.1), tol=1e-12).x)
     stiffnesses = np.array([1e3, 1e4, 1e5, 1e6])
-    found = follow([four_bar(k) for k in stiffnesses], np.array([[torque / 2], [torque]]))
+    found = drive([four_bar(k) for k in stiffnesses], np.array([[torque / 2], [torque]]))
     assert found.converged.all()
     assert abs(exact[0]) > 0.4
     errors = np.abs(found.q[:, -1] - exact).max(axis=1)
@@ -213,7 +213,7 @@ def test_two_rods_joined_at_their_tips_are_a_clamped_beam(motion: Callable) -> N
     """Against one half, guided at the middle: P L³/12EI for small forces, an elastica for large ones."""
     robot = both_ends_clamped()
     loads = [1e-3, 5.0, 20.0]
-    found = follow([robot], np.array(loads)[:, None])
+    found = drive([robot], np.array(loads)[:, None])
     assert found.converged.all()
     rise = np.array([motion(robot, q)["left"].pose[-1, 2, 3] for q in found.q[0]]) / LENGTH
     assert rise[-1] > 0.3

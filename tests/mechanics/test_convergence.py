@@ -9,7 +9,7 @@ import pytest
 
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, assemble
 from exosight.exosuit.scenarios import sample_shapes
-from exosight.mechanics import Gauss, Legendre, follow
+from exosight.mechanics import Gauss, Legendre, drive
 
 
 def test_quadrature_at_rest_converges_at_fourth_order(
@@ -33,6 +33,6 @@ def test_at_most_five_iterations_an_equilibrium_along_the_paper_path() -> None:
     """The median over one shape of each scenario, 0 → 4 → 0 N in steps of 0.05 N; all converge."""
     robots = [assemble(Exosuit(sampled.shape)) for sampled in sample_shapes(1, seed=0)]
     up = np.linspace(0, MAX_FORCE, 81)
-    found = follow(robots, np.concatenate([up, up[-2::-1]])[:, None])
+    found = drive(robots, np.concatenate([up, up[-2::-1]])[:, None])
     assert found.converged.all()
     assert np.median(found.iterations) <= 5

@@ -17,7 +17,7 @@ from exosight.mechanics import (
     Revolute,
     Robot,
     Rod,
-    follow,
+    drive,
     walk,
 )
 from exosight.mechanics.contact import SphereContact, Spheres
@@ -93,7 +93,7 @@ def test_touching_without_pressing(evaluate: Callable, gap: float) -> None:
     assert abs(float(here.energy)) < 1e-20
     assert abs(float(here.gradient[0])) < 1e-12
     assert 0.0099 < float(here.hessian[0, 0]) < 0.01 + 1000 * 0.05**2 + 1e-6
-    found = follow([robot], np.array([[0.0], [0.1]]))
+    found = drive([robot], np.array([[0.0], [0.1]]))
     assert found.converged.all()
     # Pressed by 0.1 N, spring and contact share the load: 0.05 · 0.1 N m over k + K l², up to the change of
     # the lever with the angle, which is its square.
@@ -105,7 +105,7 @@ def test_a_free_hinge_hangs_down() -> None:
     """No spring at all: the weight alone decides, and the residual is measured in newton metres."""
     arm = Link("arm", 0.1, jnp.array([[0.1, 0.0, 0.0]]), joint=Revolute(), mass=jnp.array([0.1]))
     robot = Robot((arm,), (Gravity(jnp.array([0.0, 0.0, -9.81])),))
-    found = follow([robot], np.zeros((1, 1)))
+    found = drive([robot], np.zeros((1, 1)))
     assert found.converged.all()
     assert found.q[0, 0, 0] == pytest.approx(np.pi / 2, abs=1e-8)
 
@@ -114,7 +114,7 @@ def test_where_nothing_holds_a_joint_there_is_no_stable_pose() -> None:
     """A hinge without spring, weight or load is in equilibrium everywhere: that is said, without a NaN."""
     arm = Link("arm", 0.1, jnp.array([[0.1, 0.0, 0.0]]), joint=Revolute())
     held = Link("held", 0.1, jnp.array([[0.1, 0.0, 0.0]]), joint=Revolute(stiffness=0.1))
-    found = follow([Robot((held, arm))], np.zeros((2, 1)))
+    found = drive([Robot((held, arm))], np.zeros((2, 1)))
     assert not found.converged.any()
     assert np.isfinite(found.q).all()
     assert np.all(np.abs(found.min_eigenvalue) < 1e-6)
@@ -133,7 +133,7 @@ def test_a_direction_nearly_without_stiffness() -> None:
     )
     force = 0.1 * 3e5 * np.pi * 1e-4**4 / 4 / 0.1**2
     robot = Robot((thin,), (DeadForce("rod", -1, 0, jnp.array([0.0, 0.0, force])),))
-    found = follow([robot], np.array([[0.0], [1.0]]))
+    found = drive([robot], np.array([[0.0], [1.0]]))
     assert found.converged.all()
     # Euler–Bernoulli, F L³ / 3EI, off by the square of the slope (5 %).
     tip = 0.1 * 0.1 / 3

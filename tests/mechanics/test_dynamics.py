@@ -30,8 +30,8 @@ from exosight.mechanics import (
     SolverOptions,
     SphereContact,
     Term,
+    drive,
     evolve,
-    follow,
     walk,
 )
 from exosight.mechanics.contact import Spheres
@@ -259,7 +259,7 @@ def test_released_cantilever_of_sorosim(
 
 def test_rest_of_a_damped_motion_is_the_equilibrium() -> None:
     robot = cantilever(viscosity=3e5)
-    still = follow([robot], np.zeros((1, 0)), options=SolverOptions())
+    still = drive([robot], np.zeros((1, 0)), options=SolverOptions())
     found = evolve([robot], np.array([0.0, 10.0]))
     assert found.converged.all()
     assert found.steps[0, -1] < 200  # the steps grow as it comes to rest

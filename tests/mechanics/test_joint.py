@@ -27,7 +27,7 @@ from exosight.mechanics import (
     Robot,
     Spherical,
     Universal,
-    follow,
+    drive,
 )
 
 N = (0.36, 0.48, 0.8)
@@ -217,7 +217,7 @@ def test_weights_settle_where_statics_says() -> None:
         ),
         (Gravity(jnp.array([0.0, 0.0, -9.81])),),
     )
-    found = follow([robot], np.zeros((1, 1)))
+    found = drive([robot], np.zeros((1, 1)))
     assert found.converged.all()
     angle = brentq(lambda q: spring * q - length * np.cos(q), 0, np.pi / 2, xtol=1e-15)
     expected = {

@@ -20,7 +20,7 @@ from exosight.mechanics import (
     PointWrench,
     Robot,
     Rod,
-    follow,
+    drive,
     potential,
 )
 from exosight.mechanics.energy import stiffness
@@ -216,7 +216,7 @@ def test_a_follower_bends_the_cantilever_as_its_elastica(motion: Callable) -> No
     """From rest to where the tip points back, 3.1 rad, in four loads."""
     loads = np.array([1.0, 4.0, 10.0, 16.0])
     robot = cantilever((0.0, 0.0, 1.0))
-    found = follow([robot], loads[:, None])
+    found = drive([robot], loads[:, None])
     assert found.converged.all()
     tips = np.array([motion(robot, q).pose[-1] for q in found.q[0]])
     exact = np.array([follower_elastica(alpha) for alpha in loads])
@@ -228,7 +228,7 @@ def test_a_follower_bends_the_cantilever_as_its_elastica(motion: Callable) -> No
 
 def test_a_follower_along_the_column_does_not_buckle_it() -> None:
     """Beck's column has no other equilibrium than the straight one, at any load; Euler's buckles at π²/4."""
-    found = follow([cantilever((-1.0, 0.0, 0.0))], np.array([[2.0], [4.0], [15.0]]))
+    found = drive([cantilever((-1.0, 0.0, 0.0))], np.array([[2.0], [4.0], [15.0]]))
     assert found.converged.all()
     np.testing.assert_allclose(found.q, 0.0, atol=1e-12)
 

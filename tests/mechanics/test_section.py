@@ -23,7 +23,7 @@ from exosight.mechanics import (
     Robot,
     Rod,
     Section,
-    follow,
+    drive,
 )
 from exosight.mechanics.rod import STRAIGHT
 
@@ -262,7 +262,7 @@ def test_a_rod_without_stiffness_in_one_direction_needs_a_load_that_holds_it() -
         )
         return Robot((rod,), (Gravity(jnp.array([gravity, 0.0, 0.0])),))
 
-    found = follow([strap(9.81), strap(0.0)], np.zeros((1, 1)))
+    found = drive([strap(9.81), strap(0.0)], np.zeros((1, 1)))
     assert all(np.all(np.isfinite(getattr(found, name))) for name in ("q", "energy", "min_eigenvalue"))
     np.testing.assert_allclose(found.q, 0.0, atol=1e-12)  # it left the saddle and came back
     np.testing.assert_array_equal(found.converged[:, 0], [True, False])

@@ -22,8 +22,9 @@ from exosight.mechanics import (
     Robot,
     Rod,
     SphereContact,
+    State,
     differentiable,
-    follow,
+    drive,
     walk,
 )
 from exosight.mechanics.contact import Spheres
@@ -65,7 +66,7 @@ def net_force(robot: Robot, q: AnyArray) -> jax.Array:
 
 @pytest.fixture(scope="module")
 def solved(pressed: Robot) -> np.ndarray:
-    found = follow([pressed], LOADS)
+    found = drive([pressed], LOADS)
     assert found.converged.all()
     assert not found.snapped.any()
     assert float(net_force(pressed, found.q[0, -1])) > 0.05  # in contact, or the test would show little
@@ -94,7 +95,7 @@ def gradient(pressed: Robot, solved: np.ndarray) -> tuple[jax.Array, Robot]:
 
 def resolved(robot: Robot, q: np.ndarray, load: float) -> float:
     """The force after solving again from nearby."""
-    found = follow([robot], np.array([[load]]), q=q[None])
+    found = drive([robot], np.array([[load]]), state=State(q[None], np.array([[load]])))
     assert found.converged.all()
     return float(net_force(robot, found.q[0, 0]))
 
@@ -136,7 +137,7 @@ def test_the_value_is_the_pose_itself(pressed: Robot, solved: np.ndarray) -> Non
 def test_a_whole_path_at_once(pressed: Robot, solved: np.ndarray) -> None:
     """Under vmap, dq/du at every load; integrated along the path it gives the change of q back."""
     fine = np.linspace(0.5, 0.6, 9)[:, None]
-    found = follow([pressed], fine, q=solved[5][None])
+    found = drive([pressed], fine, state=State(solved[5][None], LOADS[5:6]))
     assert found.converged.all()
     slope = jax.jacfwd(lambda loads, q: differentiable(pressed, loads, q))
     slopes = np.asarray(eqx.filter_jit(jax.vmap(slope))(jnp.asarray(fine), found.q[0]))[..., 0]

@@ -1,15 +1,13 @@
 """Snaps: a shallow truss whose folds are known, reported where they are and nowhere else."""
 
-from typing import Any
+from itertools import pairwise
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from exosight.errors import InputError
 from exosight.mechanics import (
     Configuration,
     DeadForce,
@@ -17,8 +15,9 @@ from exosight.mechanics import (
     Link,
     Revolute,
     Robot,
+    State,
     Term,
-    follow,
+    drive,
     locate_snaps,
 )
 from exosight.mechanics.tree import Tree
@@ -68,6 +67,12 @@ def fold() -> float:
     return load_of(brentq(rate, -0.3, -0.05))
 
 
+def energy(truss: Robot, q: float, load: float) -> float:
+    """Of the spring and the load [J]."""
+    distance = np.hypot(SPAN - ARM * np.cos(q), ARM * np.sin(q))
+    return 0.5 * STIFFNESS * (distance - REST) ** 2 - load * ARM * np.sin(q)
+
+
 def start(truss: Robot) -> np.ndarray:
     """Its pose without a load: the spring at rest, the tip up."""
     return np.array([[-np.arccos((ARM**2 + SPAN**2 - REST**2) / (2 * ARM * SPAN))]])
@@ -77,7 +82,7 @@ def start(truss: Robot) -> np.ndarray:
 def there_and_back(truss: Robot, fold: float) -> tuple[np.ndarray, Equilibria]:
     up = np.linspace(0, 2.1 * fold, 21)
     loads = np.concatenate([up, up[-2::-1], -up[1:]])[:, None]
-    found = follow([truss], loads, q=start(truss))
+    found = drive([truss], loads, state=State(start(truss), np.zeros((1, 1))))
     assert found.converged.all()
     return loads, jax.tree.map(lambda leaf: leaf[0], found)
 
@@ -103,30 +108,29 @@ def test_between_the_folds_both_branches_are_found(there_and_back: tuple) -> Non
         assert load_of(q) == pytest.approx(load, abs=1e-6)
 
 
-def test_bisection_finds_the_fold(truss: Robot, there_and_back: tuple, fold: float) -> None:
+def test_the_fold_is_located_and_left_for_the_other_branch(
+    truss: Robot, there_and_back: tuple, fold: float
+) -> None:
     loads, found = there_and_back
-    step = 2.1 * fold / 20
-    snaps = locate_snaps(truss, loads, found, tolerance=1e-3)
+    same, (snaps,) = locate_snaps([truss], loads, state=State(start(truss), np.zeros((1, 1))))
+    np.testing.assert_array_equal(same.q[0], found.q)
+    assert [snap.step for snap in snaps] == np.flatnonzero(found.snapped).tolist()
     for snap, expected in zip(snaps, (fold, -fold), strict=True):
-        low, high = sorted((snap.below[0], snap.above[0]))
-        assert low - 1e-3 * step <= expected <= high + 1e-3 * step
-        assert high - low <= 1e-3 * step
-        assert snap.energy > 0  # a snap goes downhill
-        # Just before it the slope of the path grows without bound, and the pose jumps to the other side.
+        assert snap.load[0] == pytest.approx(expected, rel=1e-6)  # to 1e-7 of the pose's forces
+        assert load_of(snap.after[0]) == pytest.approx(expected, rel=1e-6)
         assert snap.before[0] * snap.after[0] < 0
+        released = energy(truss, snap.before[0], expected) - energy(truss, snap.after[0], expected)
+        assert snap.energy == pytest.approx(released, rel=1e-2)  # the descent starts a little past the fold
 
 
-@pytest.mark.parametrize(
-    ("change", "sentence"),
-    [
-        ({"tolerance": 0.0}, "tolerance: expected a share"),
-        ({"found": None}, "one robot at 61 loads, got shape"),
-    ],
-)
-def test_wrong_use_is_refused(truss: Robot, there_and_back: tuple, change: dict, sentence: str) -> None:
-    loads, found = there_and_back
-    arguments: dict[str, Any] = {"found": found, **change}
-    if arguments["found"] is None:
-        arguments["found"] = eqx.tree_at(lambda f: f.snapped, found, found.snapped[None])
-    with pytest.raises(InputError, match=sentence):
-        locate_snaps(truss, loads, **arguments)
+@pytest.mark.parametrize("step", [0.02, 0.1, 0.7])
+def test_a_state_does_not_depend_on_the_steps_that_lead_to_it(truss: Robot, fold: float, step: float) -> None:
+    """At common loads up and down again, to 1e-9; the pose is an angle of order one."""
+    turns = np.array([0.7, 1.4, 2.1, 1.4, 0.7, 0.0, -0.7, -1.4]) * fold
+    way = np.concatenate([[0.0], turns])
+    fine = [np.linspace(a, b, round(0.7 / step) + 1)[1:] for a, b in pairwise(way)]
+    state = State(start(truss), np.zeros((1, 1)))
+    coarse = drive([truss], turns[:, None], state=state).q[0]
+    found = drive([truss], np.concatenate(fine)[:, None], state=state)
+    every = len(fine[0])
+    np.testing.assert_allclose(found.q[0, every - 1 :: every], coarse, atol=1e-9)

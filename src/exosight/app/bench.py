@@ -19,7 +19,7 @@ from exosight.arrays import AnyArray
 from exosight.cpu import cores
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, assemble
 from exosight.exosuit.scenarios import sample_shapes
-from exosight.mechanics import Robot, follow
+from exosight.mechanics import Robot, State, advance, drive
 
 FLOOR = 0.15e6
 """Arithmetic of one Newton step of the 25 coordinates: operations that poses, Jacobians, gradient, Hessian
@@ -34,10 +34,10 @@ import time
 import numpy as np
 from exosight.arrays import AnyArray
 from exosight.exosuit.assembly import Exosuit, assemble
-from exosight.mechanics import Robot, follow
+from exosight.mechanics import Robot, drive
 robot, loads = assemble(Exosuit()), np.zeros((1, 1))
 started = time.perf_counter()
-follow([robot], loads)
+drive([robot], loads)
 print(time.perf_counter() - started)
 """
 
@@ -95,13 +95,13 @@ def bench(per_scenario: int, done: Callable[[int, int], None] = lambda done, tot
     done(0, total)
     first, cached = _first_calls()
     done(1, total)
-    found = follow(robots, loads[:1])  # compiles
+    found = drive(robots, loads[:2])  # compiles
     done(2, total)
     rate = _matrix_product_rate()
     seconds = []
     for repeat in range(REPEATS):
         started = time.perf_counter()
-        found = follow(robots, loads)
+        found = drive(robots, loads)
         seconds.append(time.perf_counter() - started)
         done(3 + repeat, total)
     median = statistics.median(seconds)
@@ -153,10 +153,11 @@ def _matrix_product_rate() -> float:
 def _resolve(robot: Robot, q: AnyArray) -> float:
     """Median time of a single pose after a small change of load [s]."""
     seconds = []
+    state = State(np.asarray(q), np.array([[MAX_FORCE / 2]]))
     for i in range(41):
         loads = np.array([[MAX_FORCE / 2 + 0.01 * (i % 2)]])
         started = time.perf_counter()
-        q = np.asarray(follow([robot], loads, q=np.asarray(q)).q[:, 0])
+        state, _ = advance([robot], state, loads)
         seconds.append(time.perf_counter() - started)
     return statistics.median(seconds[1:])  # the first one compiles for a single robot
 

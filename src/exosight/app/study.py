@@ -24,6 +24,7 @@ from exosight.dataset.manifest import MANIFEST
 from exosight.errors import DataError, InputError
 from exosight.evaluation import evaluate_robustness
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 from exosight.files import write_new_file
 from exosight.learning.config import resolve
 from exosight.learning.history import EpochRecord
@@ -157,8 +158,8 @@ def _closed_loops(
 
 def _closed_loop(config: StudyConfig, estimator: OnnxEstimator, model: str, folder: Path) -> ControllerStudy:
     camera = camera_of(estimator.card)
-    schema = estimator.card.schema
-    trials = run_trials(_exosuit(config.data), camera, from_image(estimator, schema))
+    system = published(_exosuit(config.data), camera)
+    trials = run_trials(system, from_image(estimator, system.schema))
     if not folder.exists():
         with new_folder(folder) as place:
             write_trials(trials, model, camera, place)

@@ -31,7 +31,7 @@ from exosight.evaluation.naming import contacts
 from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit
 from exosight.exosuit.published import published
 from exosight.exosuit.shapes import radius
-from exosight.mechanics import follow
+from exosight.mechanics import drive
 from exosight.system.camera import Camera
 from exosight.system.observation import Observation, observe
 from exosight.system.system import System, stack_systems
@@ -162,7 +162,7 @@ class _Motion:
 def _drive(exosuit: Exosuit, camera: Camera) -> _Motion:
     system = published(exosuit, camera)
     commands = load_path(system.schema, frames=50, seed=0, number=0).commands
-    found = follow([system.robot], system.loads(commands))
+    found = drive([system.robot], system.loads(commands))
     seen = jax.tree.map(lambda leaf: np.asarray(leaf)[0], observe(stack_systems([system]), found.q))
     return _Motion(exosuit, system, commands[:, 0], seen, picture(system, seen.axes))
 

@@ -4,24 +4,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from exosight.control.plant import check_commands
-from exosight.control.views import picture
 from exosight.errors import ConvergenceError, InputError
-from exosight.mechanics import JointTorque, Link, Robot, step_batch
+from exosight.mechanics import JointTorque, Link, Robot, State, advance
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.system.camera import Camera
 from exosight.system.observation import observe
 from exosight.system.schema import Schema, difference
 from exosight.system.system import System, stack_systems
+from exosight.vision.renderer import render
+from exosight.vision.scene import tubes
 
 _EXACT = SolverOptions()
-
-REST_STEP = 0.05
-"""By at most so much a rest angle moves between two poses that are solved [rad or m]."""
 
 
 @dataclass(frozen=True)
@@ -75,30 +74,24 @@ class BatchPlant:
         state.reading("F_net")
 
     systems   what is simulated; all of one structure and one schema
-    path_step largest step of a command between two equilibria that are solved, as a share of its channel's peak;
-              larger ones are faster, and may snap elsewhere
     options   of the solver
 
-    Raises InputError for no systems, systems of several structures or schemas, or a path step that is not finite
-    and above 0; ConvergenceError if an unloaded system has no stable pose.
+    Raises InputError for no systems, systems of several structures or schemas, or a path step that is not
+    finite and above 0; ConvergenceError if an unloaded system has no stable pose.
     """
 
     def __init__(
         self,
         systems: Sequence[System],
-        path_step: float = 1 / 80,
         options: SolverOptions = _EXACT,
     ) -> None:
         if not systems:
             raise InputError("plants: expected at least one system, got none")
-        if not 0 < path_step < np.inf:
-            raise InputError(f"plant path step: expected a finite number above 0, got {path_step}")
         self.schema, self._options = systems[0].schema, options
         unlike = (difference(self.schema, system.schema, ("channels", "sensors")) for system in systems[1:])
         if found := next((words for words in unlike if words), None):
             raise InputError(f"plants: expected systems of one schema; {found}")
         self.systems = tuple(systems)
-        self._path_step = path_step * np.array([abs(channel.peak) for channel in self.schema.channels])
         self._gain = np.stack([system.loads(np.ones(len(self.schema.channels))) for system in systems])
         movable = {id(system): _movable(system) for system in systems}
         self._stacked = stack_systems(systems)
@@ -107,14 +100,14 @@ class BatchPlant:
         count = len(systems)
         channels = len(self.schema.channels)
         nothing = np.zeros((count, channels + self._coordinates))
-        unstrained = np.zeros((count, self._own.dofs))
-        rest = step_batch(self._own, unstrained, nothing, nothing, np.ones(count, int), options)
-        if not rest.converged.all():
+        unstrained = State(np.zeros((count, self._own.dofs)), nothing)
+        self._at_rest, found = advance(self._own, unstrained, nothing, options)
+        if not found.converged.all():
             raise ConvergenceError(
-                f"{int((~rest.converged).sum())} of {count} unloaded systems have no stable pose; "
+                f"{int((~found.converged).sum())} of {count} unloaded systems have no stable pose; "
                 "check their bodies and contacts"
             )
-        self._at_rest, self._q, self._loads = rest.q, rest.q, nothing
+        self._reached = self._at_rest
         self._commands = np.zeros((count, channels))
         self._joints = self.resting
         self.reset()
@@ -139,11 +132,14 @@ class BatchPlant:
         return self._state
 
     def reset(self, which: Bool[np.ndarray, " plants"] | None = None) -> BatchState:
-        """Return to commands of 0 from the unstrained pose, forgetting the path so far; by default all of them."""
+        """Return to commands of 0 from the unstrained pose, forgetting the path; by default all of them."""
         chosen = np.ones(len(self), bool) if which is None else np.asarray(which, bool)
         column, own = chosen[:, None], self.resting
-        self._q = np.where(column, self._at_rest, self._q)
-        self._loads = np.where(column, 0.0, self._loads)
+        self._reached = jax.tree.map(
+            lambda rest, now: np.where(chosen.reshape(-1, *[1] * (np.ndim(now) - 1)), rest, now),
+            self._at_rest,
+            self._reached,
+        )
         self._commands = np.where(column, 0.0, self._commands)
         self._hold(
             Joints(
@@ -156,9 +152,10 @@ class BatchPlant:
     def step(
         self, commands: Float[np.ndarray, "plants channels"], joints: Joints | None = None
     ) -> BatchState:
-        """Change every plant's commands [each in its channel's unit], and perhaps the users' joints, in small steps.
+        """Change every plant's commands [each in its channel's unit], and perhaps the users' joints.
 
-        A plant that finds no stable pose at one of these stays in the last one, whose commands its state tells.
+        A plant that finds no stable pose on the way stays in the last one, whose commands its state
+        tells.
 
         commands  (plants, channels)
         joints    by default as they are
@@ -172,40 +169,35 @@ class BatchPlant:
                 f"{np.shape(commands)}"
             )
         asked = check_commands(self.schema.channels, commands)
-        turn = np.zeros(len(self))
         if joints is not None:
             self._check(joints)
-            turn = np.abs(joints.rest - self._joints.rest).max(axis=1, initial=0.0)
             self._hold(joints)
         end = np.column_stack([asked * self._gain, self._joints.stiffness * self._joints.rest])
-        # The margin keeps round-off in commands from adding a step.
-        way = np.abs(asked - self._commands) / self._path_step
-        walked = np.ceil(way.max(axis=1) - 1e-9)
-        steps = np.maximum(1, np.maximum(walked, np.ceil(turn / REST_STEP - 1e-9))).astype(int)
-        reached = step_batch(self._robots, self._q, self._loads, end, steps, self._options)
-        self._q, self._loads = reached.q, reached.loads
-        stopped = self._loads[:, : asked.shape[1]] / self._gain
-        self._commands = np.where(reached.converged[:, None], asked, stopped)
-        return self._look(reached.converged)
+        self._reached, found = advance(self._robots, self._reached, end, self._options)
+        converged = np.asarray(found.converged)
+        stopped = np.asarray(self._reached.loads)[:, : asked.shape[1]] / self._gain
+        self._commands = np.where(converged[:, None], asked, stopped)
+        return self._look(converged)
 
     def pictures(
         self, camera: Camera | None = None, which: Int[np.ndarray, " frames"] | None = None
     ) -> UInt8[np.ndarray, "frames height width"]:
-        """What a camera sees of the plants as they are now, gray 0…255; by default the systems' first one, of all
-        plants in order.
+        """What a camera sees of the plants as they are now, gray 0…255; by default the systems' first one, of
+        all plants in order.
         """
         chosen = np.arange(len(self)) if which is None else which
         axes = {name: axis[chosen] for name, axis in self._state.axes.items()}
-        radii = {tube.name: np.asarray(tube.radius)[chosen] for tube in self._stacked.tubes}
-        return picture(self.systems[0], axes, camera, radii)
+        own = jax.tree.map(lambda leaf: leaf[chosen], self._stacked)
+        return render(tubes(own, axes), camera or self.systems[0].camera())
 
     def _look(self, converged: Bool[np.ndarray, " plants"]) -> BatchState:
-        seen = observe(self._stacked, jnp.asarray(self._q[:, None]))
+        q = np.array(self._reached.q)
+        seen = observe(self._stacked, jnp.asarray(q[:, None]))
         self._state = BatchState(
             self.schema,
             self._commands.copy(),
             np.asarray(seen.readings[:, 0], dtype=float),
-            self._q.copy(),
+            q,
             converged,
             {name: np.asarray(axis[:, 0]) for name, axis in seen.axes.items()},
         )

@@ -1,7 +1,7 @@
 """A network calibrated for one system: its errors along the system's own path are taken off (needs JAX).
 
-A network that was trained on many designs is a little wrong on each of them, in the same way whenever it takes the
-same pose. The path up and down, which `tune` solved, shows the poses that control will see.
+A network that was trained on many designs is a little wrong on each of them, in the same way whenever it
+takes the same pose. The path up and down, which `tune` solved, shows the poses that control will see.
 """
 
 from dataclasses import dataclass, replace
@@ -11,12 +11,12 @@ from jaxtyping import Bool, Float, Float32
 
 from exosight.control.estimator import Reader, Reading
 from exosight.control.paths import ControllerConfig
-from exosight.control.views import picture
 from exosight.errors import ConvergenceError, InputError
-from exosight.mechanics import follow
+from exosight.mechanics import drive
 from exosight.system.observation import observe
 from exosight.system.schema import difference
 from exosight.system.system import System, stack_systems
+from exosight.vision.scene import picture
 
 _NEAR = 0.03
 """How far [N] from the path an estimate may lie, over all outputs, to be corrected by more than 61 %."""
@@ -91,21 +91,22 @@ def calibrate_estimator(estimator: Reader, system: System, config: ControllerCon
     system   its first camera is the one that will look at it, of the size that the network was trained with
     config   of this system, from `tune`
 
-    Raises InputError for a configuration of another system, ConvergenceError if the path has no stable pose at
-    some command.
+    Raises InputError for a configuration of another system, ConvergenceError if the path has no stable pose
+    at some command.
     """
     found = difference(system.schema, config.schema)
     if found:
         raise InputError(f"calibration: expected a controller that was tuned for this system; {found}")
     u = np.concatenate([config.loading.u, config.unloading.u[1:]])
-    path = follow([system.robot], system.loads(np.stack([config.commands(each) for each in u])))
+    path = drive([system.robot], system.loads(np.stack([config.commands(each) for each in u])))
     if not path.converged.all():
         lost = float(u[int(np.argmin(path.converged[0]))])
         raise ConvergenceError(
-            f"no stable pose at {config.channel} = {lost:g} {config.driven.unit}; give the channel a smaller range"
+            f"no stable pose at {config.channel} = {lost:g} {config.driven.unit}; "
+            "give the channel a smaller range"
         )
     seen = observe(stack_systems([system]), path.q)
-    images = picture(system, {name: np.asarray(axis[0]) for name, axis in seen.axes.items()})
+    images = picture(system, {name: axis[0] for name, axis in seen.axes.items()})
     return Calibrated(
         estimator,
         estimated=estimator.read(images).forces.astype(float),

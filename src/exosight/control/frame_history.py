@@ -14,8 +14,8 @@ class FrameHistory:
     """Keeps the last images of a loop, for a network that has them as inputs beside the newest.
 
     The system is quasi-static: what it did follows from the commands, not from time. So images are kept as
-    far apart in the commands as those that the network learned from, however long it rests between them, and the
-    history begins anew without commands, where the system is at rest.
+    far apart in the commands as those that the network learned from, however long it rests between them, and
+    the history begins anew without commands, where the system is at rest.
 
     card   of the network: its inputs
 

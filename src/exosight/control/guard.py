@@ -62,8 +62,8 @@ class GuardConfig:
     frozen_frames: Annotated[int, Field(ge=0, le=1000)] = 0
     """same frames in a row that are frozen whatever u does; 0 for a camera without noise"""
     astray: Annotated[float, Field(gt=0)] = 0.025
-    """difference of the plant's u from the one asked for, as a share of the channel's peak, from which on it does
-    not follow [-]"""
+    """difference of the plant's u from the one asked for, as a share of the channel's peak, from which on it
+    does not follow [-]"""
     overload: Annotated[float, Field(ge=1)] = 1.25
     """share of its limit above which an output is too large"""
     bad_frames: Count = 2
@@ -251,7 +251,8 @@ class Guarded:
         if ood_score >= self.guard.doubtful_ood_score:
             return f"an image close to out of distribution, score {ood_score:.2f}"
         if self._at_limit >= self.guard.limit_steps:
-            return f"the target is not reached at the largest {config.driven.name}, {config.u_max:.2f} {config.driven.unit}"
+            largest = f"{config.driven.name}, {config.u_max:.2f} {config.driven.unit}"
+            return f"the target is not reached at the largest {largest}"
         return ""
 
     def _change(self, releasing: bool, fault: str, doubt: str, outputs: np.ndarray | None) -> None:
@@ -261,7 +262,8 @@ class Guarded:
             if outputs is not None and (outputs > guard.overload * limits).any():
                 worst = int((outputs / limits).argmax())
                 spec = self.config.schema.estimated[worst]
-                return self._go(State.RELEASE, f"{spec.name} reads {outputs[worst]:.2f} {spec.unit}")
+                verb = "presses with" if spec.quantity == "contact force" else "reads"
+                return self._go(State.RELEASE, f"{spec.name} {verb} {outputs[worst]:.2f} {spec.unit}")
             if fault and releasing and not at_rest:
                 return self._go(State.RELEASE, f"{fault}, and a target of 0 {self.config.controlled.unit}")
         if state in (State.NORMAL, State.SLOW):

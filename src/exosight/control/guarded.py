@@ -27,7 +27,8 @@ def measurement_from(estimator: Reader) -> Sense:
 
 
 def true_measurement(observation: Observation) -> Measurement:
-    """The picture with what the simulation knows of the estimated sensors: a perfect estimator, sure of itself."""
+    """The picture with what the simulation knows of the estimated sensors: a perfect estimator, sure of
+    itself."""
     outputs = observation.outputs[None].astype(np.float32)
     pressing = (outputs > 0).astype(np.float32)
     score = np.zeros(1, np.float32)
@@ -42,8 +43,8 @@ def run_guarded(plant: Plant, guarded: Guarded, sense: Sense, target: Float[np.n
 
     target   (steps,)  of each step [the sensor's unit]; that of row 0 is on record but not acted on
 
-    Raises InputError for a target that is empty or not finite, or a plant of another schema than the controller
-    was tuned for.
+    Raises InputError for a target that is empty or not finite, or a plant of another schema than the
+    controller was tuned for.
     """
     config = guarded.config
     found = difference(config.schema, plant.schema)

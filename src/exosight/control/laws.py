@@ -30,7 +30,8 @@ class Law(Protocol):
 
 @dataclass
 class Proportional:
-    """The paper's law: u_k = u_{k−1} + K_P e_k with e_k = target − measured, u_0 = 0, clipped to the channel's range.
+    """The paper's law: u_k = u_{k−1} + K_P e_k with e_k = target − measured, u_0 = 0, clipped to the
+    channel's range.
 
     As u is summed up, it acts as an integrator on the sensor: the only pose it rests in has no error. The sum
     itself is clipped, so it does not wind up at the limit. A measurement that is no finite number (a lost

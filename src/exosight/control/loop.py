@@ -9,16 +9,16 @@ from jaxtyping import Bool, Float, UInt8
 from exosight.control.estimator import Estimator, OnnxEstimator
 from exosight.control.frame_history import FrameHistory
 from exosight.control.laws import Law
-from exosight.control.plant import Observation, Plant, channel_index, check_network
+from exosight.control.plant import Observation, Plant, channel_index
 from exosight.errors import InputError
-from exosight.system.schema import Schema
+from exosight.system.schema import Channel, Schema, SensorSpec
 
 RATE = 10.0
 """Steps of the loop a second [Hz]; not printed in the paper."""
 
 Measure = Callable[[Observation], float]
-"""What the law is told about an observation: one sensor [its unit], from the image or, for comparison, the true
-reading."""
+"""What the law is told about an observation: one sensor [its unit], from the image or, for comparison, the
+true reading."""
 
 
 def from_image(estimator: Estimator, schema: Schema, sensor: str | None = None) -> Measure:
@@ -35,7 +35,7 @@ def from_image(estimator: Estimator, schema: Schema, sensor: str | None = None) 
     weights = schema.weights(sensor or schema.controlled).astype(np.float32)
     if not isinstance(estimator, OnnxEstimator):
         return lambda observation: float((estimator.estimate(observation.image[None])[0] * weights).sum())
-    check_network(estimator.card, schema)
+    estimator.card.check_fits(schema, "plant")
     history = FrameHistory(estimator.card)
 
     def measure(observation: Observation) -> float:
@@ -67,7 +67,7 @@ class Record:
     time        (steps,)                 [s]
     target      (steps,)                 of the sensor [its unit]
     true        (steps,)                 what the sensor reads on the plant [its unit]
-    estimated   (steps,)                 what the law was told [its unit]: the same, if `measure` was a true reading
+    estimated   (steps,)                 what the law was told [its unit]: the same, if `measure` is true
     command     (steps,)                 u that the law asked for [the channel's unit]
     images      (steps, height, width)   what the camera saw, gray 0…255
     q           (steps, dofs)            coordinates of the poses (radians, dimensionless strains)
@@ -85,6 +85,16 @@ class Record:
     images: UInt8[np.ndarray, "steps height width"]
     q: Float[np.ndarray, "steps dofs"]
     converged: Bool[np.ndarray, " steps"]
+
+    @property
+    def controlled(self) -> SensorSpec:
+        """The sensor that follows the target."""
+        return self.schema.sensor(self.sensor)
+
+    @property
+    def driven(self) -> Channel:
+        """The channel that was actuated."""
+        return self.schema.channels[channel_index(self.schema, self.channel)]
 
     @property
     def error(self) -> Float[np.ndarray, " steps"]:
@@ -118,7 +128,8 @@ def run(
     channel: str | None = None,
     rate: float = RATE,
 ) -> Record:
-    """Reset plant and law, then follow the target: u_k from target k and measurement k − 1, applied and looked at.
+    """Reset plant and law, then follow the target: u_k from target k and measurement k − 1, applied and
+    looked at.
 
     The plant comes to rest within each step (quasi-static), so the rate only sets the times.
 

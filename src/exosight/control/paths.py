@@ -88,7 +88,7 @@ class ControllerConfig:
     output_limits  (outputs,)  largest reading of each estimated sensor [its unit]; ∞: not limited
     rate           largest change of u a second [the channel's unit/s]
     period         of a step of the loop [s]
-    smallest_gain  bounds of Δu per change of the sensor: without the lower one a jump that comes later than on
+    smallest_gain  bounds of Δu per change of the sensor: without the lower one a jump that comes later than
     largest_gain   the path would never be passed, without the upper one a flat path would ask for any u
 
     Raises InputError for names that are none of the schema's, paths of other outputs or that do not meet, or

@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import InputError
-from exosight.learning.model_file import ModelCard
-from exosight.system.schema import Channel, Schema, difference
+from exosight.system.schema import Channel, Schema
 
 
 @dataclass(frozen=True)
@@ -16,13 +15,14 @@ class Observation:
     """A plant at rest under one command of each channel; a real plant answers NaN for what it cannot know.
 
     schema          names and units of channels and sensors
-    commands        (channels,)       of this very pose [each in its channel's unit]: the ones asked for, unless
-                    `converged` is False
+    commands        (channels,)       of this very pose [each in its channel's unit]: the ones asked for,
+                    unless `converged` is False
     image           (height, width)   what the camera sees, gray 0…255
-    readings        (sensors,)        true readings of all sensors, in the order of the schema [each in its unit]
+    readings        (sensors,)        true readings of all sensors, in the order of the schema [each in its
+                    unit]
     q               (dofs,)           coordinates of the pose (radians, dimensionless strains)
-    converged       False: no stable pose was found on the way to the commands that were asked for, and this is
-                    the last one before
+    converged       False: no stable pose was found on the way to the commands that were asked for, and this
+                    is the last one before
     min_eigenvalue  how stable the pose is [-]: 1 for the unloaded plant, 0 where it snaps
     """
 
@@ -91,16 +91,3 @@ def check_commands(
                 f"{channel.unit}, got {wrong.flat[0]:g}"
             )
     return values
-
-
-def check_network(card: ModelCard, schema: Schema) -> None:
-    """Refuse a network for a plant whose channels, sensors or cameras are others than those it was made for.
-
-    Raises InputError with one sentence that says how they differ.
-    """
-    found = difference(card.schema, schema)
-    if found:
-        raise InputError(
-            f"model: it was trained on the system {card.schema.system}, this one is {schema.system}: {found}; "
-            "choose a network that was trained on this system"
-        )

@@ -78,7 +78,8 @@ def run_live(
     the loop, an exception of anyone and Ctrl-C included, u first returns to 0 at the rate limit; a second
     Ctrl-C cuts that short, and leaves the rest to `Actuator.close`.
 
-    target   of each step [the controlled sensor's unit], a finite number; `itertools.repeat(0.2)` goes on until it is stopped
+    target   of each step [the controlled sensor's unit], a finite number; `itertools.repeat(0.2)` goes on
+             until it is stopped
     done     called with every step; what it raises ends the loop
     """
     guarded.reset()

@@ -31,7 +31,8 @@ class Response:
     steady_state_error: float
     """Target − mean of the late readings [the sensor's unit]."""
     ripple: float
-    """Largest − smallest late reading [the sensor's unit]: tells a loop that swings for ever from one that rests."""
+    """Largest − smallest late reading [the sensor's unit]: tells a loop that swings for ever from one that
+    rests."""
     release_time: float
     """Time after the switch to 0 from which the force stays in the band around 0 [s]; NaN: it never
     does, or the target is not released."""
@@ -40,8 +41,8 @@ class Response:
     smallest_u: float
     """Smallest command [the channel's unit]."""
     locked_up: bool
-    """In the last quarter of the whole run u stands at one end of the channel's range, and yet the force is never in
-    the band: the law has nothing left to give, and the pose does not answer."""
+    """In the last quarter of the whole run u stands at one end of the channel's range, and yet the force is
+    never in the band: the law has nothing left to give, and the pose does not answer."""
 
 
 def judge_response(

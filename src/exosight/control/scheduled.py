@@ -23,7 +23,8 @@ class Scheduled:
 
         u_k = u + γ (U(F_t) − U(F)),    U = U↑ where force is missing, U↓ where there is too much,
 
-    with F the controlled sensor and u the command under which it was measured, so that a delayed picture asks for no step twice.
+    with F the controlled sensor and u the command under which it was measured, so that a delayed picture asks
+    for no step twice.
 
     gain    Δu/ΔF is kept below the largest gain. Where U(F) asks for less than the smallest, the jump
             that the path promises has not come: u goes on by 1/80 of the
@@ -31,8 +32,9 @@ class Scheduled:
     γ       1 outside the band of ±5 %, ½ inside. It halves each time the error changes sides outside the
             band, but for the first time (a jump may have to be passed and undone), down to 1/16, and doubles
             after 10 steps on one side.
-    fences  In the band u stays 1/80 of the channel's peak away from the jumps of the path. A force that jumped over a target
-            which the path can rest at shows where the jump is: the next time u goes half-way there.
+    fences  In the band u stays 1/80 of the channel's peak away from the jumps of the path. A force that
+            jumped over a target which the path can rest at shows where the jump is: the next time u goes
+            half-way there.
 
     u is clipped in amplitude and rate after that, and the clipped value is what is remembered: nothing winds
     up.
@@ -81,8 +83,9 @@ class Scheduled:
     ) -> float:
         """The command u_k [the channel's unit].
 
-        target    of the sensor [its unit], or (outputs,) one for each estimated sensor [its unit]: then the step
-                  is the least-squares one, Δu = s·(F_t − F)/(s·s) with s = ∂F/∂u of the outputs on the path
+        target    of the sensor [its unit], or (outputs,) one for each estimated sensor [its unit]: then the
+                  step is the least-squares one, Δu = s·(F_t − F)/(s·s) with s = ∂F/∂u of the outputs on the
+                  path
         measured  the controlled sensor [its unit]
         outputs   (outputs,) the estimated sensors; without them no limit of theirs is kept, and `target` is a
                   number

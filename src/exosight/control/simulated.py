@@ -9,23 +9,20 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.control.plant import Observation, check_commands
-from exosight.control.views import picture
 from exosight.errors import ConvergenceError
-from exosight.mechanics import Robot, follow
+from exosight.mechanics import Robot, State, advance, stack
 from exosight.system.observation import observe
 from exosight.system.schema import Schema
 from exosight.system.system import System, stack_systems
-
-_PIECE = 16  # loads a call: the solver is compiled once for all calls of up to 16
+from exosight.vision.scene import picture
 
 
 @dataclass
 class SimulatedPlant:
     """Quasi-static: at each command the system rests in the stable pose that the path so far leads to.
 
-    The way from one command to the next is walked in even steps. As a system may snap between stable poses, the
-    same command can show different readings on the way up and down (hysteresis); the same sequence of commands
-    always shows the same.
+    As a system may snap between stable poses, the same command can show different readings on the way up and
+    down (hysteresis); the same sequence of commands always shows the same.
 
         plant = SimulatedPlant(published(Exosuit(shape)))
         plant.apply(np.array([1.2])).reading("F_net")
@@ -44,7 +41,7 @@ class SimulatedPlant:
         self.schema = self.system.schema
         self._stacked = stack_systems([self.system])
         # A loop that swings between two commands walks the same two ways for ever: they are remembered.
-        self._walk = lru_cache(maxsize=8)(partial(_walk, self.system, self.system.robot))
+        self._walk = lru_cache(maxsize=8)(partial(_walk, self.system, stack([self.system.robot])))
 
     def reset(self) -> Observation:
         """Return to commands of 0 from the unstrained pose, forgetting the path so far.
@@ -84,7 +81,7 @@ class SimulatedPlant:
         return Observation(
             schema=self.schema,
             commands=np.array(point.commands),
-            image=picture(self.system, {name: np.asarray(axis[0]) for name, axis in seen.axes.items()})[0],
+            image=picture(self.system, {name: axis[0] for name, axis in seen.axes.items()})[0],
             readings=np.asarray(seen.readings[0, 0], dtype=float),
             q=q,
             converged=self._converged,
@@ -109,32 +106,14 @@ class _Point:
     commands: tuple[float, ...]
     q: tuple[float, ...]
     min_eigenvalue: float
+    history: tuple = ()
 
 
-def _walk(system: System, robot: Robot, start: _Point, commands: tuple[float, ...]) -> tuple[_Point, bool]:
+def _walk(system: System, stacked: Robot, start: _Point, commands: tuple[float, ...]) -> tuple[_Point, bool]:
     """The last equilibrium on the way from `start` to the commands, and whether that is the one at these."""
-    way = _steps(system.schema, np.array(start.commands), np.array(commands))
-    for first in range(0, len(way), _PIECE):
-        piece = way[first : first + _PIECE]
-        path = follow([robot], system.loads(piece), q=np.array([start.q]), snaps=False)
-        good = int(np.argmin([*path.converged[0], False]))  # up to the first that does not converge
-        if good:
-            last = good - 1
-            start = _Point(
-                tuple(piece[last].tolist()),
-                tuple(path.q[0, last].tolist()),
-                float(path.min_eigenvalue[0, last]),
-            )
-        if good < len(piece):
-            return start, False
-    return start, True
-
-
-def _steps(
-    schema: Schema, start: Float[np.ndarray, " channels"], end: Float[np.ndarray, " channels"]
-) -> Float[np.ndarray, "steps channels"]:
-    """The commands after `start` up to and with `end`, evenly spaced by at most 1/80 of each channel's peak."""
-    largest = np.array([abs(channel.peak) / 80 for channel in schema.channels])
-    # The margin keeps round-off from adding a step.
-    count = max(1, int(np.ceil(np.max(np.abs(end - start) / largest) - 1e-9)))
-    return np.linspace(start, end, count + 1)[1:]
+    loads = [system.loads(np.array([each])) for each in (start.commands, commands)]
+    state, found = advance(stacked, State(np.array([start.q]), loads[0], start.history), loads[1])
+    converged = bool(found.converged[0])
+    reached = commands if converged else tuple(system.commands(np.asarray(state.loads)[0]).tolist())
+    q = tuple(np.asarray(state.q)[0].tolist())
+    return _Point(reached, q, float(found.min_eigenvalue[0]), state.history), converged

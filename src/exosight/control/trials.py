@@ -1,6 +1,6 @@
 """Trials of the closed loop: targets that are held and released, and the paper's study of one exosuit.
 
-The paper's: three constant targets and three step responses, F_net of the published system by its one channel.
+The paper's: three constant targets and three step responses of the published system's F_net.
 """
 
 from collections.abc import Callable
@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from exosight.control.laws import Law, Proportional
+from exosight.control.laws import Proportional
 from exosight.control.loop import RATE, Measure, Record, hold, hold_and_release, run
-from exosight.control.plant import Plant, channel_index
+from exosight.control.plant import Plant
 from exosight.control.responses import Response, judge_response
 from exosight.exosuit.shapes import ExosuitShape, Linear
 
@@ -37,8 +37,8 @@ STEP_GAINS = (0.1, 1.0, 100.0)
 class Trial:
     """One run and what was measured on its true readings."""
 
-    gain: float | None
-    """K_P [the channel's unit per that of the sensor]; None: of another law"""
+    gain: float
+    """K_P [the channel's unit per that of the sensor]"""
     record: Record
     response: Response
 
@@ -55,20 +55,19 @@ class ControllerStudy:
 
 def try_law(
     plant: Plant,
-    law: Law,
+    law: Proportional,
     measure: Measure,
     target: Float[np.ndarray, " steps"],
     sensor: str | None = None,
     channel: str | None = None,
 ) -> Trial:
-    """One run from rest, judged on the true readings; arguments as for `run`.
+    """One run of the paper's law from rest, judged on the true readings; arguments as for `run`.
 
     target   (steps,)  one value above 0, perhaps released, as `judge_response` takes it
     """
     record = run(plant, law, measure, target, sensor, channel)
-    driven = record.schema.channels[channel_index(record.schema, channel)]
-    response = judge_response(record.time, record.target, record.true, record.command, driven)
-    return Trial(law.gain if isinstance(law, Proportional) else None, record, response)
+    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+    return Trial(law.gain, record, response)
 
 
 def study(

@@ -3,9 +3,9 @@
 1. Solve the system from rest up, in steps of 1/160 of the channel's peak, to the first command at which an
    estimated sensor reads more than it may: the command before is u_max.
 2. Solve from there down to u_min, below 0, where the pose must have let go.
-3. The controlled sensor on both is the schedule; its jumps are those that `follow` tells.
-4. Δu per change of the sensor is bounded by the slopes in contact: above by the flattest tenth of them, below by
-   half of what the steepest tenth asks for.
+3. The controlled sensor on both is the schedule; its jumps are those that `drive` tells.
+4. Δu per change of the sensor is bounded by the slopes in contact: above by the flattest tenth of them, below
+   by half of what the steepest tenth asks for.
 """
 
 import math
@@ -17,7 +17,7 @@ from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import channel_index
 from exosight.control.scheduled import RELEASED
 from exosight.errors import ConvergenceError, InputError
-from exosight.mechanics import Equilibria, follow
+from exosight.mechanics import Equilibria, State, drive
 from exosight.system.observation import observe
 from exosight.system.schema import Channel, Schema, SensorSpec
 from exosight.system.system import System, stack_systems
@@ -64,13 +64,14 @@ def tune(
     sensor         that is controlled; by default the one that the schema names
     channel        that is driven, by default the first; the others rest at 0
     contact_limit  largest contact force on each zone [N]; by default the sensors' own, or 0.5 N
-    rate           largest change of u a second; by default the channel's own, or its peak in 0.4 s [its unit/s]
+    rate           largest change of u a second; by default the channel's own, or its peak in 0.4 s [its
+                   unit/s]
     pull           −u_min; by default a quarter of the peak, within the channel's range [its unit]
     period         of a step of the loop [s]
 
-    Raises InputError for a name that is none of the system's, a number that is not finite and above 0, a channel
-    whose peak is below 0, or a system whose sensor does not rise within its limits or is not released at u_min;
-    ConvergenceError if the path has no stable pose at some command.
+    Raises InputError for a name that is none of the system's, a number that is not finite and above 0, a
+    channel whose peak is below 0, or a system whose sensor does not rise within its limits or is not released
+    at u_min; ConvergenceError if the path has no stable pose at some command.
     """
     schema = system.schema
     place, sensor = channel_index(schema, channel), sensor or schema.controlled
@@ -100,8 +101,8 @@ def tune(
     last = int(np.argmax(over)) - 1 if over.any() else len(grid) - 1
     if last < 1 or up.controlled[last] < RELEASED:
         raise InputError(
-            f"tune: {sensor} stays below {RELEASED:g} {schema.sensor(sensor).unit} until a sensor passes its limit "
-            f"or {driven.name} its range; allow more, or change the system"
+            f"tune: {sensor} stays below {RELEASED:g} {schema.sensor(sensor).unit} until a sensor passes its "
+            f"limit or {driven.name} its range; allow more, or change the system"
         )
     loading = ForcePath(
         up.u[: last + 1], up.outputs[: last + 1], up.controlled[: last + 1], up.snapped[: last + 1]
@@ -111,7 +112,8 @@ def tune(
     unloading, _ = walk.solve(np.concatenate([falling, back]), np.asarray(found.q[0, last]))
     if not unloading.controlled[-1] < RELEASED:
         raise InputError(
-            f"tune: {sensor} is not released at {driven.name} = {-pull:g} {driven.unit}; allow it a larger pull"
+            f"tune: {sensor} is not released at {driven.name} = {-pull:g} {driven.unit}; "
+            "allow it a larger pull"
         )
     slopes = np.concatenate([(path.slopes * weights).sum(axis=1) for path in (loading, unloading)])
     slopes = slopes[slopes * driven.peak > _FLAT]  # in contact, and not falling
@@ -142,7 +144,8 @@ class _Walk:
         schema = self._system.schema
         commands = np.zeros((len(u), len(schema.channels)))
         commands[:, self._place] = u
-        found = follow([self.robot], self._system.loads(commands), q=q[None])
+        loads = self._system.loads(commands)
+        found = drive([self.robot], loads, state=State(q[None], loads[:1]))
         if not found.converged.all():
             driven = schema.channels[self._place]
             lost = float(u[int(np.argmin(found.converged[0]))])

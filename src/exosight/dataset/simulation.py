@@ -13,7 +13,7 @@ from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Frames, concatenate
 from exosight.dataset.load_paths import LoadPath, load_path
 from exosight.dataset.variation import appearance_of, lighting_of
-from exosight.mechanics import Equilibria, Rod, follow
+from exosight.mechanics import Equilibria, Rod, drive
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet
 from exosight.system.observation import Observation, observe
@@ -127,11 +127,5 @@ def _solve(systems: Sequence[System], paths: Sequence[LoadPath], done: Callable[
     robots = [system.robot for system in systems]
     loads = [system.loads(path.commands) for system, path in zip(systems, paths, strict=True)]
     frames = paths[0].frames
-    if all(np.array_equal(each, loads[0]) for each in loads):
-        found = follow(robots, loads[0], snaps=False, done=done)
-    else:
-        parts = [
-            follow([robot], own, snaps=False, done=done) for robot, own in zip(robots, loads, strict=True)
-        ]
-        found = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    found = drive(robots, np.stack(loads), done=done)
     return jax.tree.map(lambda leaf: leaf[:, frames], found)

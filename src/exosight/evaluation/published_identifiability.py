@@ -24,7 +24,7 @@ from exosight.errors import InputError
 from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble_surface, observe
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import radius, radius_slope
-from exosight.mechanics import Circular, Robot, Rod, differentiable, follow
+from exosight.mechanics import Circular, Robot, Rod, differentiable, drive
 from exosight.mechanics.sensitivity import SNAP
 
 KNOTS = 6
@@ -113,7 +113,7 @@ def sensitivity(exosuit: Exosuit, loads: Float[np.ndarray, " loads"]) -> Sensiti
     # Assembled outside of compiled code, where bodies are checked as they are made.
     robot = _robot(exosuit, np.zeros(len(PARAMETERS)))
     slopes = jax.jacfwd(lambda p: _robot(exosuit, p))(jnp.zeros(len(PARAMETERS)))
-    found = follow([robot], path[:, None])
+    found = drive([robot], path[:, None])
     at = np.searchsorted(path, loads)
     stable = np.asarray(found.converged[0, at] & (found.min_eigenvalue[0, at] > 10 * SNAP))
     forces = np.full((len(loads), FORCES), np.nan)

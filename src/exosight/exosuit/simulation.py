@@ -9,16 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.errors import InputError
-from exosight.exosuit.assembly import MAX_FORCE, Exosuit, Pose, assemble, observe
-from exosight.mechanics import Equilibria, follow, stack
-
-PATH_STEP = 0.05
-"""Loads are approached from rest over every multiple of this [N]."""
+from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
+from exosight.mechanics import Equilibria, drive, stack
 
 MAX_LOAD = 50.0
 """Largest load that is simulated [N]: far beyond where an exosuit of silicone keeps its shape."""
-
-_SAME_LOAD = 1e-10  # [N]; a multiple of PATH_STEP as typed and as computed differ by 1e-14
 
 
 @dataclass(frozen=True)
@@ -55,9 +50,8 @@ class Simulation:
 def simulate(exosuit: Exosuit, loads: Sequence[float]) -> Simulation:
     """The equilibria of an exosuit at each load [N], approached from rest.
 
-    Every load is reached over 0, ±0.05, ±0.10 … N and then, if it is none of these, in one last step, so the
-    answer for one load does not depend on which others are asked for. Loads may be negative (the line pulls)
-    and in any order.
+    Every load is approached from 0 N without turning back, so the answer for one load does not depend on
+    which others are asked for. Loads may be negative (the line pulls) and in any order.
 
     Raises InputError for a load that is not a finite number within ±50 N, or no load at all.
     """
@@ -67,45 +61,17 @@ def simulate(exosuit: Exosuit, loads: Sequence[float]) -> Simulation:
     wrong = u[~(np.abs(u) <= MAX_LOAD)]  # NaN is caught here too
     if wrong.size:
         raise InputError(f"u: expected finite loads within ±{MAX_LOAD:g} N, got {wrong[0]:g}")
-    path, parents, where = _path(u)
     robot = assemble(exosuit)
-    found = follow([robot], path[:, None], parents=parents)
+    rising, falling = np.unique(u[u >= 0]), np.unique(u[u < 0])[::-1]
+    parts = [drive([robot], side[:, None]) for side in (rising, falling) if side.size]
+    found = jax.tree.map(lambda *leaves: np.concatenate([leaf[0] for leaf in leaves]), *parts)
+    order = np.concatenate([rising, falling])
+    where = [int(np.flatnonzero(order == load)[0]) for load in u]
+    found = jax.tree.map(lambda leaf: leaf[where], found)
     # One pose a call: the same compiled code whatever the number of loads.
-    poses = [observe(stack([robot]), found.q[:, i : i + 1]) for i in where]
+    poses = [observe(stack([robot]), found.q[None, i : i + 1]) for i in range(len(u))]
     return Simulation(
         u=u,
-        equilibria=jax.tree.map(lambda leaf: leaf[0, where], found),
+        equilibria=found,
         pose=jax.tree.map(lambda *leaves: np.stack([leaf[0, 0] for leaf in leaves]), *poses),
     )
-
-
-def _path(u: Float[np.ndarray, " loads"]) -> tuple[np.ndarray, list[int], list[int]]:
-    """All loads to solve, from which earlier one each starts, and where those asked for are.
-
-    The path goes up to 4 N at least, so that nearly all calls share one compiled size. Every part of it
-    begins with a rest at 0 N: the solver's first step from a load depends on whether that load was the last
-    one solved, and thus must not depend on which others are asked for.
-    """
-    path: list[float] = []
-    parents: list[int] = []
-
-    def solve(load: float, parent: int) -> int:
-        path.append(load)
-        parents.append(parent)
-        return len(path) - 1
-
-    grid = {0: solve(0.0, -1)}  # multiple of PATH_STEP → place on the path
-    for sign, furthest in ((1, max(u.max(), MAX_FORCE)), (-1, -u.min())):
-        for k in range(1, _whole_steps(furthest) + 1):
-            grid[sign * k] = solve(sign * k * PATH_STEP, grid[sign * (k - 1)])
-        solve(0.0, -1)
-    where = []
-    for load in u.tolist():
-        before = int(np.sign(load)) * _whole_steps(abs(load))
-        on_grid = abs(load - before * PATH_STEP) < _SAME_LOAD
-        where.append(grid[before] if on_grid else solve(load, grid[before]))
-    return np.array(path), parents, where
-
-
-def _whole_steps(load: float) -> int:
-    return int(np.floor((load + _SAME_LOAD) / PATH_STEP))

@@ -16,7 +16,7 @@ from threading import Lock
 import numpy as np
 from jaxtyping import Float
 
-from exosight.mechanics import SolverOptions, follow
+from exosight.mechanics import SolverOptions, State, drive
 from exosight.system.schema import Channel
 from exosight.system.system import System, stack_systems
 
@@ -80,7 +80,7 @@ class Rest:
 
     drive      a shortest known one to it
     q          (dofs,)  coordinates
-    converged  whether it is a stable equilibrium; if not, it is the best point found
+    converged  whether it is a stable equilibrium; if not, it is the last one before
     """
 
     drive: Drive
@@ -155,7 +155,7 @@ class CachedSystem:
         if not drive:
             if self._rest is None:
                 none = np.zeros((1, len(self.grids)))
-                self._rest = self._follow(np.zeros(self.robot.dofs), none)[0]
+                self._rest = self._driven(none[0], np.zeros(self.robot.dofs), none)[0]
             return self._rest
         branch, (_, goal) = self._branch(drive), drive[-1]
         needed = branch.until(goal)
@@ -170,13 +170,21 @@ class CachedSystem:
 
     def _along(self, branch: _Branch, after: int, places: Sequence[int]) -> list[Point]:
         """The equilibria at places of a branch, driven to from the one after so many that are solved."""
-        commands = np.tile(branch.commands, (len(places), 1))
-        commands[:, branch.channel] = places
-        return self._follow(branch.solved[after - 1][0] if after else branch.start, commands)
+        commands = np.tile(branch.commands, (1 + len(places), 1))
+        if after:
+            commands[0, branch.channel] = branch.places[after - 1]
+        commands[1:, branch.channel] = places
+        return self._driven(commands[0], branch.solved[after - 1][0] if after else branch.start, commands[1:])
 
-    def _follow(self, start: np.ndarray, commands: Float[np.ndarray, "loads channels"]) -> list[Point]:
-        loads = self.system.loads(commands * self._unit)
-        found = follow([self.robot], loads, q=start[None], options=_ENOUGH, snaps=False)
+    def _driven(
+        self,
+        start: Float[np.ndarray, " channels"],
+        q: Float[np.ndarray, " dofs"],
+        commands: Float[np.ndarray, "loads channels"],
+    ) -> list[Point]:
+        """The equilibria at commands [steps], one after the other, from the one at `start` with coordinates q."""
+        before, loads = (self.system.loads(each * self._unit) for each in (start, commands))
+        found = drive([self.robot], loads, state=State(q[None], before[None]), options=_ENOUGH)
         return list(zip(np.asarray(found.q[0]), found.converged[0].tolist(), strict=True))
 
     def _branch(self, drive: Drive) -> _Branch:

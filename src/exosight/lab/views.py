@@ -61,7 +61,7 @@ def observe_one(stacked: System, q: Float[np.ndarray, " dofs"]) -> Observation:
 
 
 _NOTES = {
-    "not_converged": "no stable pose was found at this command; what is seen is the best point",
+    "not_converged": "no stable pose was found at this command; what is seen is the last one before",
     "crosses_itself": "a rod crosses itself, which it does not feel; datasets drop such frames",
 }
 

@@ -23,12 +23,12 @@ from exosight.mechanics.basis import (
     NodalLinear,
     NodalQuadratic,
 )
-from exosight.mechanics.batched_stepping import BatchStep, step_batch
+from exosight.mechanics.batched_continuation import Snap
 from exosight.mechanics.bushing import Bushing
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.dynamics import MotionOptions, Trajectories, evolve
 from exosight.mechanics.energy import potential
-from exosight.mechanics.equilibrium import Equilibria, SolverOptions, follow, stack
+from exosight.mechanics.equilibrium import Equilibria, SolverOptions, stack
 from exosight.mechanics.joint import (
     Cylindrical,
     Fixed,
@@ -45,15 +45,14 @@ from exosight.mechanics.kinematics import Motion, walk
 from exosight.mechanics.link import Link
 from exosight.mechanics.loads import DeadForce, DistributedForce, Gravity, JointTorque, PointWrench
 from exosight.mechanics.quadrature import Gauss
+from exosight.mechanics.quasistatic import State, advance, drive, initial_state, locate_snaps
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.section import Circular, Elliptic, Rectangular, Section
 from exosight.mechanics.sensitivity import differentiable
-from exosight.mechanics.snap import Snap, locate_snaps
 from exosight.mechanics.term import Configuration, Term
 
 __all__ = [
-    "BatchStep",
     "Bushing",
     "Chebyshev",
     "Circular",
@@ -94,13 +93,16 @@ __all__ = [
     "SolverOptions",
     "SphereContact",
     "Spherical",
+    "State",
     "Term",
     "Trajectories",
     "Universal",
+    "advance",
     "differentiable",
+    "drive",
     "evolve",
-    "follow",
     "helix",
+    "initial_state",
     "locate_snaps",
     "potential",
     "stack",

@@ -1,4 +1,4 @@
-"""Many paths of loads side by side: a compiled loop over a few lanes, refilled as paths arrive.
+"""Many robots side by side: a compiled loop over a few lanes, refilled as robots arrive.
 
 What changes hands between Python and compiled code are NumPy arrays: indexing JAX arrays from Python costs a
 dispatch each, which for thousands of robots is more than solving them.
@@ -12,99 +12,129 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.cpu import cores
-from exosight.mechanics.newton import ContinuationState, begin, metric_of, newton_stepper
-from exosight.mechanics.robot import Robot
-
-
-class ContinuationProblem(NamedTuple):
-    """One robot and its path.
-
-    robot
-    loads     (loads, channels)   [N]
-    parents   (loads,)            the earlier load that each starts from, −1: its row of `starts`
-    starts    (loads, dofs)       where loads without a parent start
-    """
-
-    robot: Robot
-    loads: Float[np.ndarray, "loads channels"]
-    parents: Int[np.ndarray, " loads"]
-    starts: Float[np.ndarray, "loads dofs"]
-
+from exosight.mechanics.continuation import SNAPS, ContinuationState, Records, begin, stepper
+from exosight.mechanics.metric import metric_of
 
 ROOM = 64
 """Loads that a lane takes at a time; longer paths go on in the same lane. One size, so one compilation."""
 
-Solved = tuple[ContinuationState, Float[np.ndarray, "dofs dofs"]]
-"""A path with what was found at each load, and the metric of its robot."""
+
+class Snap(NamedTuple):
+    """One jump of a robot on its path, from the end of a stable branch to another stable equilibrium.
+
+    step      index of the first load beyond it
+    load      (channels,)   where the branch ends [N]
+    before    (dofs,)       the pose just before
+    after     (dofs,)       the pose at `load` that the jump leads to
+    energy    what the jump sets free: Π of the pose left − Π of the pose reached [J]
+    """
+
+    step: int
+    load: Float[np.ndarray, " channels"]
+    before: Float[np.ndarray, " dofs"]
+    after: Float[np.ndarray, " dofs"]
+    energy: float
 
 
-def width(lanes: int | None, robots: int) -> int:
-    """Lanes side by side: as asked for or as suits the device, but no more than the robots fill."""
-    most = lanes or (8 if jax.default_backend() == "cpu" else 2048)
-    return min(most, 1 << max(0, robots - 1).bit_length())
+class Problems(NamedTuple):
+    """Robots of one structure, where they start, and the loads to bring them to.
+
+    structure   of a robot, as JAX has it
+    leaves      its arrays, each with a leading axis of robots
+    q, origin   (robots, dofs), (robots, channels)   poses, and the loads there [N]
+    loads       (robots, loads, channels)            [N]
+    """
+
+    structure: Hashable
+    leaves: Sequence[np.ndarray]
+    q: Float[np.ndarray, "robots dofs"]
+    origin: Float[np.ndarray, "robots channels"]
+    loads: Float[np.ndarray, "robots loads channels"]
 
 
-def solve_paths(
-    jobs: Sequence[ContinuationProblem],
+class Solutions(NamedTuple):
+    """What was found, of shape (robots, loads, …); see `Equilibria`. `load`: where each robot was [N]."""
+
+    q: Float[np.ndarray, "robots loads dofs"]
+    load: Float[np.ndarray, "robots loads channels"]
+    converged: Bool[np.ndarray, "robots loads"]
+    residual: Float[np.ndarray, "robots loads"]
+    min_eigenvalue: Float[np.ndarray, "robots loads"]
+    snapped: Bool[np.ndarray, "robots loads"]
+    tied: Bool[np.ndarray, "robots loads"]
+    energy: Float[np.ndarray, "robots loads"]
+    iterations: Int[np.ndarray, "robots loads"]
+    snaps: list[list[Snap]]
+
+
+def solve(
+    problems: Problems,
     tolerance: float,
     max_iterations: int,
     lanes: int | None = None,
-    done: Callable[[int], None] = lambda jobs: None,
-) -> list[Solved]:
-    """Each job's finished path, and its robot's metric; all robots of one structure.
+    done: Callable[[int], None] = lambda robots: None,
+) -> Solutions:
+    """Every robot brought to its loads, one after the other.
 
-    done   called with the number of jobs finished, as they finish
+    done   called with the number of robots finished, as they finish
     """
+    robots, count = problems.loads.shape[:2]
     on_cpu = jax.default_backend() == "cpu"
-    lanes = width(lanes, len(jobs))
-    advance = _compiled(jax.tree.structure(jobs[0].robot))
-    leaves = [[np.asarray(leaf) for leaf in jax.tree.leaves(job.robot)] for job in jobs]
-    queue = _Queue(len(jobs))
-    results: list[list[Solved]] = [[] for _ in jobs]
-
-    def next_part(number: int) -> _Lane:
-        """What comes next on the path of a job."""
-        return _lane(jobs[number], [np.asarray(path.found) for path, _ in results[number]])
+    # As suits the device (eight share the cache of a core), but no more than the robots fill.
+    lanes = min(lanes or (8 if on_cpu else 2048), 1 << max(0, robots - 1).bit_length())
+    room = 1 if count == 1 else ROOM
+    compiled = _compiled(problems.structure)
+    queue = _Queue(robots)
+    found = _nothing(problems)
 
     def work() -> None:
         numbers = queue.take(lanes)
         if not numbers:
             return
-        # A lane without a job holds a copy of the first one, but stands still.
+        # A lane without a robot holds a copy of the first one, but stands still.
         filled = numbers + [numbers[0]] * (lanes - len(numbers))
         numbers += [-1] * (lanes - len(numbers))
-        rows = [np.array([leaves[i][k] for i in filled]) for k in range(len(leaves[0]))]
-        state = jax.tree.map(lambda *parts: np.array(parts), *(next_part(i) for i in filled))
+        rows = [leaf[filled] for leaf in problems.leaves]
+        first = [0] * lanes  # index of the first load of the part that a lane is on
+        lane = jax.tree.map(lambda *parts: np.array(parts), *(_part(problems, i, 0, room) for i in filled))
         empty = np.array(numbers) < 0
-        state.path.load[empty] = state.total[empty]
+        lane.state.load[empty] = lane.total[empty]
         while any(i >= 0 for i in numbers) and not queue.stopped:
-            # While jobs wait, come back as soon as a quarter of the lanes is free for them.
+            # While robots wait, come back as soon as a quarter of the lanes is free for them.
             enough = min(lanes, numbers.count(-1) + max(1, lanes // 4))
-            found, metrics = advance(rows, state, tolerance, max_iterations, enough)
-            state, metrics = state._replace(path=jax.tree.map(np.array, found)), np.asarray(metrics)
-            ready = np.flatnonzero((state.path.load == state.total) & (np.array(numbers) >= 0)).tolist()
-            for at in ready:
-                number = numbers[at]
-                results[number].append((_cut(state.path, at, int(state.total[at])), metrics[at].copy()))
-                if sum(len(path.found) for path, _ in results[number]) == len(jobs[number].loads):
+            state, metrics = compiled(rows, lane, tolerance, max_iterations, enough)
+            lane, metrics = lane._replace(state=jax.tree.map(np.array, state)), np.asarray(metrics)
+            full = lane.state.snaps >= SNAPS // 2
+            arrived = lane.state.load == lane.total
+            for at in np.flatnonzero((full | arrived) & (np.array(numbers) >= 0)).tolist():
+                number, start = numbers[at], first[at]
+                _keep_snaps(found, lane.state, at, number, start)
+                lane.state.snaps[at] = 0
+                if not arrived[at]:
+                    continue
+                first[at] = start + int(lane.total[at])
+                _keep(found, lane.state.records, at, number, slice(start, first[at]), metrics[at])
+                if first[at] == count:
                     done(1)
                     numbers[at] = number = next(iter(queue.take(1)), -1)
                     if number < 0:
                         continue
-                    for into, row in zip(rows, leaves[number], strict=True):
-                        into[at] = row
-                for into, row in zip(jax.tree.leaves(state), jax.tree.leaves(next_part(number)), strict=True):
+                    first[at] = 0
+                    for into, leaf in zip(rows, problems.leaves, strict=True):
+                        into[at] = leaf[number]
+                part = _part(problems, number, first[at], room, found)
+                for into, row in zip(jax.tree.leaves(lane), jax.tree.leaves(part), strict=True):
                     into[at] = row
 
     # Compiled calls release Python's lock, so one thread a core keeps every core busy.
-    workers = min(cores(), -(-len(jobs) // lanes)) if on_cpu else 1
+    workers = min(cores(), -(-robots // lanes)) if on_cpu else 1
     if workers == 1:
         work()
-        return [_joined(parts) for parts in results]
+        return found
     with ThreadPoolExecutor(max_workers=workers) as pool:
         try:
             for future in [pool.submit(work) for _ in range(workers)]:
@@ -112,58 +142,85 @@ def solve_paths(
         except BaseException:  # Ctrl-C too: the pool waits for its threads, which need not finish
             queue.stopped = True
             raise
-    return [_joined(parts) for parts in results]
+    return found
 
 
 class _Lane(NamedTuple):
-    """What a lane is working on: loads, which of them each starts from (−1: from its row of `starts`), how
-    many there are, and how far it is.
-    """
+    """What a lane is working on: some loads, how many of them are meant, and how far it is."""
 
     loads: Float[AnyArray, "room channels"]
-    parents: Int[AnyArray, " room"]
-    starts: Float[AnyArray, "room dofs"]
     total: Int[AnyArray, ""]
-    path: ContinuationState
+    state: ContinuationState
 
 
-def _lane(job: ContinuationProblem, parts: Sequence[np.ndarray]) -> _Lane:
-    """The next loads of a job, after those of which q is known."""
-    found = np.concatenate([job.starts[:0], *parts])
-    done = len(found)
-    loads, parents, starts = (x[done : done + ROOM] for x in (job.loads, job.parents, job.starts))
-    inside = np.where(parents >= done, parents - done, -1)
-    before = np.flatnonzero((parents >= 0) & (parents < done))
-    starts = starts.copy()
-    starts[before] = found[parents[before]]
-    spare = ROOM - len(loads)
-    return _Lane(
-        loads=np.concatenate([loads, np.repeat(loads[-1:], spare, axis=0)]),
-        parents=np.concatenate([inside, np.zeros(spare, dtype=int)]),
-        starts=np.concatenate([starts, np.zeros((spare, starts.shape[1]))]),
-        total=np.array(len(loads)),
-        path=begin(starts[0], ROOM, loads.shape[1]),
+def _part(problems: Problems, number: int, first: int, room: int, found: Solutions | None = None) -> _Lane:
+    """The loads of a robot from `first` on, starting from what was found before."""
+    loads = problems.loads[number, first : first + room]
+    total = len(loads)
+    if total < room:
+        loads = np.concatenate([loads, np.repeat(loads[-1:], room - total, axis=0)])
+    q, origin = problems.q[number], problems.origin[number]
+    if first and found is not None:
+        q, origin = found.q[number, first - 1], found.load[number, first - 1]
+    return _Lane(loads, np.array(total), begin(q, origin, room))
+
+
+def _nothing(problems: Problems) -> Solutions:
+    shape = problems.loads.shape[:2]
+
+    def flags() -> np.ndarray:
+        return np.zeros(shape, bool)
+
+    def numbers() -> np.ndarray:
+        return np.zeros(shape)
+
+    return Solutions(
+        q=np.zeros((*shape, problems.q.shape[1])),
+        load=np.zeros(problems.loads.shape),
+        converged=flags(),
+        residual=numbers(),
+        min_eigenvalue=numbers(),
+        snapped=flags(),
+        tied=flags(),
+        energy=numbers(),
+        iterations=np.zeros(shape, int),
+        snaps=[[] for _ in range(shape[0])],
     )
 
 
-_SOLVED = ContinuationState._fields[ContinuationState._fields.index("found") :]
+def _keep(
+    found: Solutions, records: Records, lane: int, number: int, part: slice, metric: np.ndarray
+) -> None:
+    """What a lane found at some loads of a robot; λ of ∇²Π v = λ M v from the whitened Hessian."""
+    count = part.stop - part.start
+    for name in ("q", "load", "residual", "snapped", "tied", "energy", "iterations"):
+        getattr(found, name)[number, part] = getattr(records, name)[lane, :count]
+    whitener = np.linalg.inv(np.linalg.cholesky(metric))
+    whitened = whitener @ records.hessian[lane, :count] @ whitener.T
+    if np.allclose(whitened, np.swapaxes(whitened, 1, 2), rtol=0, atol=1e-9 * np.abs(whitened).max()):
+        eigenvalue = np.linalg.eigvalsh(whitened)[:, 0]
+    else:
+        eigenvalue = np.linalg.eigvals(whitened).real.min(axis=-1)
+    found.min_eigenvalue[number, part] = eigenvalue
+    found.converged[number, part] = records.converged[lane, :count] & (eigenvalue > 0)
 
 
-def _cut(path: ContinuationState, lane: int, count: int) -> ContinuationState:
-    """One lane of a batch of paths, without the padding."""
-    of = jax.tree.map(lambda leaf: leaf[lane].copy(), path)
-    return of._replace(**{name: getattr(of, name)[:count] for name in _SOLVED})
-
-
-def _joined(parts: Sequence[Solved]) -> Solved:
-    """One path of all its parts."""
-    paths = [path for path, _ in parts]
-    whole = {name: np.concatenate([getattr(path, name) for path in paths]) for name in _SOLVED}
-    return paths[-1]._replace(**whole), parts[-1][1]
+def _keep_snaps(found: Solutions, state: ContinuationState, lane: int, number: int, first: int) -> None:
+    records = state.records
+    for i in range(min(int(state.snaps[lane]), SNAPS)):
+        found.snaps[number].append(
+            Snap(
+                first + int(records.snap_step[lane, i]),
+                records.snap_load[lane, i].copy(),
+                records.before[lane, i].copy(),
+                records.after[lane, i].copy(),
+                float(records.released[lane, i]),
+            )
+        )
 
 
 class _Queue:
-    """Numbers of the jobs that nobody has taken yet."""
+    """Numbers of the robots that nobody has taken yet."""
 
     def __init__(self, count: int) -> None:
         self._next, self._count, self._lock = 0, count, Lock()
@@ -178,10 +235,10 @@ class _Queue:
 
 @lru_cache(maxsize=64)
 def _compiled(structure: Hashable) -> Callable:
-    """Step every path until `enough` of them have all their loads behind them; also the robots' metrics.
+    """Step every robot until `enough` of them have all their loads behind them; also the robots' metrics.
 
     For robots of one structure: (its arrays with a leading axis of lanes, lanes, tolerance, max_iterations,
-    enough) -> (paths, metrics).
+    enough) -> (states, metrics).
     """
 
     def advance(
@@ -189,13 +246,13 @@ def _compiled(structure: Hashable) -> Callable:
     ) -> tuple[ContinuationState, Array]:
         def one(leaves: list[Array], lane: _Lane) -> tuple[ContinuationState, Array]:
             robot = jax.tree.unflatten(structure, leaves)
-            where = lane.loads, lane.parents, lane.starts, lane.total
-            step = newton_stepper(robot, *where, tolerance, max_iterations)
+            step = stepper(robot, lane.loads, lane.total, tolerance, max_iterations)
 
-            def going(path: ContinuationState) -> Array:
-                return jax.lax.psum((path.load == lane.total).astype(int), "lanes") < enough
+            def going(state: ContinuationState) -> Array:
+                waiting = (state.load == lane.total) | (state.snaps >= SNAPS // 2)
+                return jax.lax.psum(waiting.astype(int), "lanes") < enough
 
-            return jax.lax.while_loop(going, step, lane.path), metric_of(robot)
+            return jax.lax.while_loop(going, step, lane.state), metric_of(robot)
 
         return jax.vmap(one, axis_name="lanes")(leaves, lanes)
 

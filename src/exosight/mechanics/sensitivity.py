@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.energy import potential
-from exosight.mechanics.newton import metric_of
+from exosight.mechanics.metric import metric_of
 from exosight.mechanics.robot import Robot
 
 SNAP = 1e-6

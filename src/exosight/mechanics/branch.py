@@ -1,0 +1,161 @@
+"""Along one branch of equilibria: to a given load, or by a given length around a fold.
+
+A branch is q(t) on a straight segment of loads, t from 0 to 1. Newton's method finds the point at a given t.
+Near a fold, where dq/dt grows without bound, the length s along the tangent of the last equilibrium takes the
+place of t (pseudo-arclength continuation), so the branch is followed around the fold. There, or at a corner
+where a contact opens or closes, ∇²Π stops being positive definite: the end of the stable branch.
+Source: Keller, Numerical solution of bifurcation and nonlinear eigenvalue problems, 1977.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from exosight.arrays import AnyArray
+from exosight.mechanics.metric import Metric
+
+UNLIKE = 0.15, 2e-4
+"""How far a smooth change may lie from what the tangents at both ends lead to: relative to the larger of
+these two, and to the pose itself."""
+
+NEGLIGIBLE = 1e-7
+"""A force that counts as none, as a share of the pose: to this the load of a fold is located."""
+
+
+class Anchor(NamedTuple):
+    """The last stable equilibrium.
+
+    q, t      (dofs,), ()   it, and where on the segment of loads
+    tangent   (dofs,)       dq/dt
+    reach     ()            how far in t the first open pair is from closing, along the tangent
+    """
+
+    q: Float[AnyArray, " dofs"]
+    t: Float[AnyArray, ""]
+    tangent: Float[AnyArray, " dofs"]
+    reach: Float[AnyArray, ""]
+
+
+class Beyond(NamedTuple):
+    """An unstable equilibrium further along the branch, if `known`, with its tangent (dq, dt)."""
+
+    known: Bool[AnyArray, ""]
+    q: Float[AnyArray, " dofs"]
+    t: Float[AnyArray, ""]
+    dq: Float[AnyArray, " dofs"]
+    dt: Float[AnyArray, ""]
+    tries: Float[AnyArray, ""]
+
+
+def unlike(
+    metric: Metric,
+    moved: Float[Array, " dofs"],
+    leaving: Float[Array, " dofs"],
+    arriving: Float[Array, " dofs"],
+    pose: Float[Array, " dofs"],
+) -> Bool[Array, ""]:
+    """Whether a change of pose is not what the tangents at its two ends lead to.
+
+    A smooth one lies near the segment between them, also where contacts open or close on the way and the
+    tangent jumps.
+    """
+    span = arriving - leaving
+    weighed = metric.matrix @ span
+    along = jnp.clip((moved - leaving) @ weighed / jnp.maximum(span @ weighed, 1e-300), 0, 1)
+    largest = jnp.maximum(metric.size(leaving), metric.size(arriving))
+    relative, absolute = UNLIKE
+    off = metric.size(moved - leaving - along * span)
+    return ~(off <= relative * largest + absolute * metric.size(pose))
+
+
+class Bordered(NamedTuple):
+    """Solution of the equations with s given: Newton's correction, and the tangent with ds = 1."""
+
+    q: Float[Array, " dofs"]
+    t: Float[Array, ""]
+    dq: Float[Array, " dofs"]
+    dt: Float[Array, ""]
+
+
+def bordered(
+    metric: Metric,
+    anchor: Anchor,
+    q: Float[Array, " dofs"],
+    gradient: Float[Array, " dofs"],
+    hessian: Float[Array, "dofs dofs"],
+    by_t: Float[Array, " dofs"],
+    s: Float[Array, ""],
+) -> Bordered:
+    """∇Π = 0 and cᵀ(q − q_anchor) = s, linearised; c = M v/|v|, v the anchor's tangent."""
+    n = len(q)
+    c = metric.matrix @ (anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300))
+    top = jnp.concatenate([hessian, by_t[:, None]], axis=1)
+    bottom = jnp.concatenate([c, jnp.zeros(1)])[None]
+    right = jnp.zeros((n + 1, 2)).at[:n, 0].set(-gradient).at[n, 0].set(s - c @ (q - anchor.q))
+    # Rows and columns of very different units: the last ones are scaled to the size of the others.
+    scale = jnp.maximum(jnp.linalg.norm(by_t), 1e-300) / jnp.maximum(jnp.linalg.norm(hessian), 1e-300)
+    matrix = jnp.concatenate([top, bottom]).at[:, n].multiply(1 / jnp.where(scale > 0, scale, 1.0))
+    solved = jnp.linalg.solve(matrix, right.at[n, 1].set(1.0))
+    solved = solved.at[n].multiply(1 / jnp.where(scale > 0, scale, 1.0))
+    return Bordered(solved[:n, 0], solved[n, 0], solved[:n, 1], solved[n, 1])
+
+
+class Bracket(NamedTuple):
+    """The end of the stable branch, between an anchor and an unstable point beyond.
+
+    s        where along the anchor's tangent to look next
+    q, t     the pose expected there
+    end      t at the end of the branch, or slightly more
+    found    it is found as precisely as wanted
+    sound    the two points do belong to one branch; otherwise nothing else means anything
+    """
+
+    s: Float[Array, ""]
+    q: Float[Array, " dofs"]
+    t: Float[Array, ""]
+    end: Float[Array, ""]
+    found: Bool[Array, ""]
+    sound: Bool[Array, ""]
+
+
+def bracket(metric: Metric, anchor: Anchor, beyond: Beyond, narrow: Float[Array, ""]) -> Bracket:
+    """Where the branch ends: at the largest t of a smooth fold, or at the corner where two pieces meet.
+
+    narrow   how precisely in t
+    """
+    speed = jnp.maximum(metric.size(anchor.tangent), 1e-300)
+    dq_a, dt_a = anchor.tangent / speed, 1 / speed
+    c = metric.matrix @ dq_a
+    between = beyond.q - anchor.q
+    s_b = c @ between
+    forward = c @ beyond.dq
+    forward = jnp.where(jnp.abs(forward) > 1e-9 * metric.size(beyond.dq), forward, 1.0)
+    dq_b, dt_b = beyond.dq / forward, beyond.dt / forward
+    fold = (dt_b < 0) & (s_b > 0)
+    # At a fold the tangents meet at a larger t than that of the branch; its largest t is where dt/ds is zero.
+    steeper = jnp.where(fold, dt_a - dt_b, 1.0)
+    meeting = jnp.clip((beyond.t - dt_b * s_b - anchor.t) / steeper, 0.0, jnp.maximum(s_b, 0.0))
+    smooth = s_b * dt_a / steeper
+    # Elsewhere a contact opens or closes, and two pieces meet at an angle (the second may lead back) …
+    apart = dq_a - dq_b
+    weighed = metric.matrix @ apart
+    angle = weighed @ apart
+    corner = weighed @ (between - dq_b * s_b) / jnp.maximum(angle, 1e-300)
+    # … or the branch goes straight on, unstable in a direction of its own.
+    straight = angle < 1e-3
+    place = jnp.where(fold, meeting, jnp.where(straight, s_b, corner))
+    sound = (place > 0) & (place <= 4 * metric.size(between)) & ~(straight & ~fold & (s_b <= 0))
+    end = anchor.t + dt_a * place
+    top = jnp.where(fold, jnp.maximum(anchor.t, beyond.t), anchor.t)
+    even = beyond.tries % 2 == 0
+    s = jnp.where(
+        fold,
+        jnp.clip(jnp.where(even, smooth, 0.995 * meeting), 0.005 * s_b, 0.99 * s_b),
+        jnp.where(straight, 0.5 * s_b, 0.98 * corner),
+    )
+    far = fold & (s > 0.5 * s_b)
+    q = jnp.where(far, beyond.q + dq_b * (s - s_b), anchor.q + dq_a * s)
+    t = jnp.where(far, beyond.t + dt_b * (s - s_b), anchor.t + dt_a * s)
+    found = sound & ((end - top <= narrow) | (beyond.tries >= 40))
+    return Bracket(s, q, t, end, found, sound)

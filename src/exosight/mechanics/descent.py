@@ -1,0 +1,121 @@
+"""Descent to a stable equilibrium at a fixed load: the overdamped flow M dq/dt = −∇Π in implicit steps.
+
+A step of time h minimises the incremental potential Π(q) + |q − qₙ|²/2h, here to second order:
+(∇²Π + M/h) p = −∇Π. It ends where a gap closes. h is as large as a trust radius allows, |p| ≤ radius; the
+radius grows while the quadratic model predicts the energy, so that the last steps are Newton's. At a saddle,
+where the flow would rest, it is left in a fixed direction.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.linalg import cho_solve
+from jaxtyping import Array, Bool, Float
+
+from exosight.arrays import AnyArray
+from exosight.mechanics.energy import Evaluation
+from exosight.mechanics.metric import Metric
+
+LARGEST = 0.5
+"""Largest step of a descent, relative to `Metric.range`."""
+
+
+class Descent(NamedTuple):
+    """Where a descent is.
+
+    q, here, residual  the accepted point, and what was found there
+    step, fraction     the step being tried, and how much of it; the trial point is q + fraction · step
+    slope, curvature   ∇Πᵀ step and stepᵀ ∇²Π step [J]
+    radius             trust radius
+    shift              1/h of the last step
+    convex             ∇²Π is positive definite at q
+    fresh              the trial point is the start, to be accepted whatever its energy
+    """
+
+    q: Float[AnyArray, " dofs"]
+    here: Evaluation
+    residual: Float[AnyArray, ""]
+    step: Float[AnyArray, " dofs"]
+    fraction: Float[AnyArray, ""]
+    slope: Float[AnyArray, ""]
+    curvature: Float[AnyArray, ""]
+    radius: Float[AnyArray, ""]
+    shift: Float[AnyArray, ""]
+    convex: Bool[AnyArray, ""]
+    fresh: Bool[AnyArray, ""]
+
+
+def accept(
+    descent: Descent,
+    metric: Metric,
+    trial: Float[Array, " dofs"],
+    there: Evaluation,
+    residual: Float[Array, ""],
+    conservative: bool,
+) -> tuple[Descent, Bool[Array, ""]]:
+    """The descent at the trial point if that is lower, with its trust radius adapted; and whether it is."""
+    change = there.energy - descent.here.energy
+    fraction = descent.fraction
+    model = fraction * descent.slope + 0.5 * fraction**2 * descent.curvature
+    # Where the change of energy drowns in round-off, the residual decides; on the way from a saddle it grows.
+    noise = 1e-12 * (jnp.abs(there.energy) + metric.size(trial) ** 2)
+    hidden = (jnp.abs(model) < noise) & (change > -noise)
+    ratio = change / jnp.where(jnp.abs(model) > 0, model, -1e-300)
+    good = jnp.where(hidden, (residual <= descent.residual) | ~descent.convex, (change < 0) & (ratio > 0.1))
+    if not conservative:
+        good = residual <= (1 - 1e-4 * fraction) * descent.residual
+    accepted = descent.fresh | (good & jnp.isfinite(residual))
+    length = fraction * metric.size(descent.step)
+    wider = jnp.where(ratio > 0.6, jnp.maximum(descent.radius, 2 * length), descent.radius)
+    wider = jnp.where(ratio < 0.25, 0.5 * length, wider)
+    radius = jnp.where(accepted, jnp.where(hidden, descent.radius, wider), 0.25 * length)
+    radius = jnp.where(descent.fresh, descent.radius, radius)
+    q, here, residual = jax.tree.map(
+        lambda new, old: jnp.where(accepted, new, old),
+        (trial, there, residual),
+        (descent.q, descent.here, descent.residual),
+    )
+    radius = jnp.minimum(radius, LARGEST * metric.range(q))
+    return descent._replace(q=q, here=here, residual=residual, radius=radius), accepted
+
+
+def direction(
+    descent: Descent,
+    metric: Metric,
+    newton: Float[Array, " dofs"],
+    stable: Bool[Array, ""],
+    saddle: Bool[Array, ""],
+    wanted: Bool[Array, ""],
+) -> tuple[Float[Array, " dofs"], Float[Array, ""]]:
+    """The next step, before gaps, and 1/h of it.
+
+    newton   −(∇²Π)⁻¹ ∇Π, of no meaning unless `stable`
+    saddle   ∇Π is zero but ∇²Π not positive definite
+    wanted   whether the answer is used at all
+    """
+    hessian, radius = descent.here.hessian, descent.radius
+    along = jnp.where(saddle, _some_direction(len(newton)), descent.here.gradient)
+
+    def attempt(shift: Array) -> tuple[Array, Array]:
+        return shift, -cho_solve((jnp.linalg.cholesky(hessian + shift * metric.matrix), True), along)
+
+    def too_long(state: tuple[Array, Array]) -> Array:
+        length = metric.size(state[1])
+        return ~(length <= 2 * radius) & (state[0] < 1e12) & wanted & ~whole
+
+    whole = stable & (metric.size(newton) <= radius)
+    first = jnp.maximum(descent.shift / 16, 1e-3)
+    shift, damped = jax.lax.while_loop(too_long, lambda state: attempt(4 * state[0]), attempt(first))
+    length = jnp.maximum(metric.size(damped), 1e-300)
+    # Past a fold or at a saddle the gradient says little; a step of the trust radius leaves them at once.
+    damped = damped * jnp.where(stable, jnp.minimum(1.0, radius / length), radius / length)
+    step = jnp.where(whole, newton, damped)
+    step = jnp.where(saddle & (descent.here.gradient @ step > 0), -step, step)
+    return step, jnp.where(whole, 0.0, shift)
+
+
+def _some_direction(dofs: int) -> Array:
+    """A fixed direction without symmetry, to leave a saddle along: orthogonal to no eigenvector by design."""
+    return jnp.asarray(np.random.default_rng(0).normal(size=dofs))
