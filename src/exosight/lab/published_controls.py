@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Mapping
-from functools import cached_property
 from typing import Any
 
 import pydantic
@@ -60,10 +59,13 @@ _FAMILY_WORDS = {
 class PublishedControls:
     """The designs of the published system; values are those of `PublishedDesign`."""
 
-    @cached_property
+    def __init__(self) -> None:
+        self._schema = self.build({}).schema
+
+    @property
     def schema(self) -> Schema:
         """See `DesignControls`."""
-        return self.build({}).schema
+        return self._schema
 
     @property
     def groups(self) -> tuple[Group, ...]:
