@@ -35,8 +35,8 @@ from exosight.control import (
     measurement_from,
     run,
     run_guarded,
-    true_reading,
     true_measurement,
+    true_reading,
 )
 from exosight.control.calibration import calibrate_estimator
 from exosight.control.estimator import DEFAULT_MODEL

@@ -76,7 +76,7 @@ sense, steps = measurement_from(network), iter(range(1000))
 
 
 def failing(observation):
-    return see(observation) if next(steps) < 10 else Measurement(commands=observation.commands)
+    return sense(observation) if next(steps) < 10 else Measurement(commands=observation.commands)
 
 
 failed = run_guarded(plant, guarded, failing, hold(0.25, 25))

@@ -22,7 +22,6 @@ from exosight.exosuit.published import published
 from exosight.system.system import System
 from exosight.vision.ood_images import draw_ood_images
 
-
 THUMB = Path(__file__).parents[2] / "examples" / "systems" / "thumb.toml"
 
 

@@ -407,8 +407,8 @@ def test_a_network_goes_on_from_another_and_says_so(
         (third, "all frames of another dataset"),
         (
             fewer,
-            "all frames of another dataset, of whose designs the network may have learned from some, as it did "
-            "from seed 0",
+            "all frames of another dataset, of whose designs the network may have learned from some, as it "
+            "did from seed 0",
         ),
     ):
         assert part_to_judge(found.card, load(judged))[1] == words

@@ -141,7 +141,7 @@ def test_the_network_remembers_all_its_datasets(
 
 
 def test_shipped_network_is_judged_on_the_designs_that_it_has_not_learned_from(first: Data) -> None:
-    """That of `exosight generate --per-scenario 125`: its own division by design, whatever frames are kept."""
+    """That of `exosight generate --per-scenario 125`: its own split by design, whatever frames are kept."""
     card = OnnxEstimator.load(DEFAULT_MODEL).card
     designs = PUBLISHED.draw(125, seed=0)
     frames = replace(

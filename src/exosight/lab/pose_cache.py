@@ -182,7 +182,7 @@ class CachedSystem:
         q: Float[np.ndarray, " dofs"],
         commands: Float[np.ndarray, "loads channels"],
     ) -> list[Point]:
-        """The equilibria at commands [steps], one after the other, from that at `start` with coordinates q."""
+        """The equilibria at commands [steps], in order, from that at `start` with coordinates q."""
         before, loads = (self.system.loads(each * self._unit) for each in (start, commands))
         found = drive([self.robot], loads, state=State(q[None], before[None]), options=_ENOUGH)
         return list(zip(np.asarray(found.q[0]), found.converged[0].tolist(), strict=True))

@@ -39,7 +39,7 @@ _WORDS = (
 def at_place(place: str, make: Callable[..., Made], *arguments: object) -> Made:
     """What `make` returns at the arguments.
 
-    Raises an InputError for any ValueError of it; a place at the beginning of its message is one within `place`.
+    Raises an InputError for any ValueError of it; a place that begins its message is one within `place`.
     """
     try:
         return make(*arguments)
