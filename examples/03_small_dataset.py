@@ -28,14 +28,13 @@ NAMES = [scenario.name.replace("_", " ") for scenario in SCENARIOS]
 
 def show_frame(image_panel: Axes, force_panel: Axes, frames: Frames, scenario: int) -> None:
     own = np.flatnonzero(frames.scenario == scenario)
-    best = own[np.argmax(frames.forces[own].sum(axis=1))]
+    best = own[np.argmax(frames.reading("F_net")[own])]
     image_panel.imshow(frames.images[best], cmap="gray", vmin=0, vmax=255)
     image_panel.set_axis_off()
-    image_panel.set_title(f"{NAMES[scenario]}, u = {frames.u[best]:.1f} N", fontsize=8)
-    force_panel.bar(np.arange(1, 8), frames.forces[best], color=BLUE)
-    force_panel.set(ylim=(0, 1.05 * frames.forces.max()), xticks=range(1, 8))
-    force_panel.set_xticklabels([f"C{i}" for i in range(1, 8)], fontsize=6)
-    force_panel.tick_params(axis="y", labelsize=6)
+    image_panel.set_title(f"{NAMES[scenario]}, u = {frames.commands[best, 0]:.1f} N", fontsize=8)
+    force_panel.bar(frames.schema.outputs, frames.labels[best], color=BLUE)
+    force_panel.set_ylim(0, 1.05 * frames.labels.max())
+    force_panel.tick_params(labelsize=6)
     force_panel.spines[["top", "right"]].set_visible(False)
     if scenario % 4 == 0:
         force_panel.set_ylabel("force [N]", fontsize=7)
@@ -66,7 +65,7 @@ def main(folder: Path = Path("results/03_small_dataset")) -> float:
     counts.invert_yaxis()
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "small_dataset.png", dpi=200)
-    return 100 * len(frames) / (FRAMES * len(manifest.shapes))
+    return 100 * len(frames) / (FRAMES * len(manifest.designs))
 
 
 if __name__ == "__main__":

@@ -46,10 +46,10 @@ manifest = generate(GenerateConfig(per_scenario=PER_SCENARIO, frames=FRAMES, see
 frames = read_frames(folder)
 print(f"{len(frames)} frames kept; dropped: {manifest.dropped}")
 
-strongest = [int(np.argmax(np.where(frames.shape_id == i, frames.forces.sum(axis=1), -1))) for i in range(11)]
+strongest = [int(np.argmax(np.where(frames.design == i, frames.reading("F_net"), -1))) for i in range(11)]
 strip = pose_strip(
     frames.images[strongest][:6],
-    [f"u = {frames.u[i]:.1f} N\nF_net = {frames.forces[i].sum():.2f} N" for i in strongest[:6]],
+    [f"u = {frames.commands[i, 0]:.1f} N\nF_net = {frames.reading('F_net')[i]:.2f} N" for i in strongest[:6]],
 )
 
 # %%
@@ -67,11 +67,11 @@ from exosight.evaluation.published import CONTACTS_PUBLISHED
 
 network = OnnxEstimator.load(DEFAULT_MODEL)
 estimated = network.estimate(frames.images)
-scores = score(frames.forces, estimated)
+scores = score(frames.schema, frames.labels, estimated)
 print("        r   paper   RMSE [N]   paper")
 for ours, paper in zip(scores.contacts, CONTACTS_PUBLISHED, strict=True):
     print(f"{ours.name}: {ours.r:6.3f}  {paper.r:6.2f}  {ours.rmse:9.4f}  {paper.rmse:6.2f}")
-clouds = predicted_against_true(frames.forces, estimated)
+clouds = predicted_against_true(frames.schema, frames.labels, estimated)
 
 # %%
 # Robustness to noise
@@ -83,7 +83,7 @@ from exosight.vision import corrupt
 
 some = slice(None, None, 3)
 for name in ("noise-low", "noise-medium", "noise-high"):
-    noisy = score(frames.forces[some], network.estimate(corrupt(frames.images[some], name, 0)))
+    noisy = score(frames.schema, frames.labels[some], network.estimate(corrupt(frames.images[some], name, 0)))
     print(f"{name:13s} mean r {noisy.r.mean:.3f}, mean RMSE {noisy.rmse.mean:.4f} N")
 
 # %%
@@ -95,12 +95,14 @@ for name in ("noise-low", "noise-medium", "noise-high"):
 
 from exosight.control import Proportional, from_image, hold, judge_response, run
 from exosight.control.simulated import SimulatedPlant
+from exosight.exosuit.published import published
 
-plant = SimulatedPlant(exosuit)
-record = run(plant, Proportional(5.0), from_image(network), hold(0.25, 25))
-response = judge_response(record.time, record.target, record.F_net_true, record.u)
+plant = SimulatedPlant(published(exosuit))
+law = Proportional(5.0, plant.schema.channels[0])
+record = run(plant, law, from_image(network, plant.schema), hold(0.25, 25))
+response = judge_response(record.time, record.target, record.true, record.command, record.driven)
 print(f"settled within 5 % after {response.settling_steps:.0f} steps")
-print(f"F_net at the end: true {record.F_net_true[-1]:.3f} N, estimated {record.F_net_estimated[-1]:.3f} N")
+print(f"F_net at the end: true {record.true[-1]:.3f} N, estimated {record.estimated[-1]:.3f} N")
 
 # %%
 # The complete study

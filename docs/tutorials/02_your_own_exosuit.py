@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 from exosight.exosuit.shapes import ExosuitShape, Linear, Sine, Surface, radius
 from exosight.exosuit.simulation import simulate
 
@@ -85,11 +86,9 @@ for name, path in found.items():
 # -------------
 
 from exosight.evaluation.figures import pose_strip
-from exosight.vision import Camera
 from exosight.vision.scene import picture
 
-camera = Camera()
-images = np.stack([picture(Exosuit(SHAPES[name]), found[name].pose, camera)[15] for name in SHAPES])
+images = np.stack([picture(published(SHAPES[name]), found[name].pose.axes)[15] for name in SHAPES])
 seen = pose_strip(images, [f"{name}, u = {LOADS[15]:.0f} N" for name in SHAPES])
 
 # %%

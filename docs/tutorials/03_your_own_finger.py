@@ -20,16 +20,17 @@ import numpy as np
 from exosight.control import CONTROL_SHAPE
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.finger import Finger
+from exosight.exosuit.published import published
 from exosight.exosuit.simulation import simulate
 
-published = Finger()
+nominal = Finger()
 small = replace(
-    published,
-    lengths=tuple(0.9 * length for length in published.lengths),
-    radii=tuple(0.9 * radius for radius in published.radii),
+    nominal,
+    lengths=tuple(0.9 * length for length in nominal.lengths),
+    radii=tuple(0.9 * radius for radius in nominal.radii),
 )
-supple = replace(published, joint_stiffness=tuple(0.5 * k for k in published.joint_stiffness))
-FINGERS = {"published": published, "10 % smaller": small, "half as stiff": supple}
+supple = replace(nominal, joint_stiffness=tuple(0.5 * k for k in nominal.joint_stiffness))
+FINGERS = {"published": nominal, "10 % smaller": small, "half as stiff": supple}
 
 # %%
 # The same exosuit on each finger
@@ -48,12 +49,11 @@ for name, pose in poses.items():
 
 # %%
 from exosight.evaluation.figures import pose_strip
-from exosight.vision import Camera
 from exosight.vision.scene import picture
 
 images = np.concatenate(
     [
-        picture(Exosuit(CONTROL_SHAPE, finger=finger), poses[name], Camera())
+        picture(published(Exosuit(CONTROL_SHAPE, finger=finger)), poses[name].axes)
         for name, finger in FINGERS.items()
     ]
 )

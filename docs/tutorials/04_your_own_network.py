@@ -37,8 +37,8 @@ print(f"{len(split.train)} training frames, {len(split.test)} test frames")
 #
 # ``fit`` writes checkpoint, loss curves and ``model.onnx`` into a folder; ``resume=True`` continues an
 # interrupted run. The split is by frame here because eleven shapes are too few to hold some out; use
-# ``"shape"`` to measure accuracy on unseen exosuits. For 128 × 128 images of a set-up like the published one,
-# ``pretrained=load_pretrained(DEFAULT_MODEL)`` fine-tunes the shipped network.
+# ``"design"`` to measure accuracy on unseen exosuits. For 128 × 128 images of a set-up like the published
+# one, ``pretrained=load_pretrained(DEFAULT_MODEL)`` fine-tunes the shipped network.
 
 history = fit(data, split, TrainConfig(epochs=EPOCHS, threads=1), folder / "light", resume=False)
 print(f"validation error after {len(history)} epochs: {history[-1].validation_l1:.4f} N")
@@ -52,7 +52,7 @@ epochs, learned, rates = np.array([(r.epoch, r.train_loss, r.learning_rate) for 
 checks = np.array([(r.epoch, r.validation_loss) for r in history if r.validation_loss is not None]).T
 curves = loss_curves(epochs.astype(int), learned, checks[0].astype(int), *checks[1:], rates, "loss [-]")
 network = OnnxEstimator.load(folder / "light" / "model.onnx")
-truth, images = data.frames.forces[split.test], data.frames.images[split.test]
+truth, images = data.frames.labels[split.test], data.frames.images[split.test]
 print(f"light network: mean r {score(truth, network.estimate(images)).r.mean:.2f}")
 
 # %%
@@ -83,7 +83,7 @@ class Ridge:
         return np.maximum(self.features(images) @ self.weights, 0).astype(np.float32)
 
 
-ridge = Ridge(data.frames.images[split.train], data.frames.forces[split.train])
+ridge = Ridge(data.frames.images[split.train], data.frames.labels[split.train])
 assert isinstance(ridge, Estimator)
 print(f"ridge regression: mean r {score(truth, ridge.estimate(images)).r.mean:.2f}")
 
@@ -93,10 +93,13 @@ print(f"ridge regression: mean r {score(truth, ridge.estimate(images)).r.mean:.2
 from exosight.control import CONTROL_SHAPE, Proportional, from_image, hold, run
 from exosight.control.simulated import SimulatedPlant
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 
-record = run(SimulatedPlant(Exosuit(CONTROL_SHAPE)), Proportional(5.0), from_image(ridge), hold(0.25, 8))
-true, estimated = record.F_net_true[-1], record.F_net_estimated[-1]
-print(f"after {len(record.u) - 1} steps: true {true:.2f} N, estimated {estimated:.2f} N")
+plant = SimulatedPlant(published(Exosuit(CONTROL_SHAPE)))
+law = Proportional(5.0, plant.schema.channels[0])
+record = run(plant, law, from_image(ridge, plant.schema), hold(0.25, 8))
+true, told = record.true[-1], record.estimated[-1]
+print(f"after {len(record.command) - 1} steps: true {true:.2f} N, told {told:.2f} N")
 
 # %%
 # To train your own PyTorch network with the same recipes and export it with the same intervals, add an

@@ -87,11 +87,6 @@ def test_a_third_tube_leaves_the_draws_of_the_others() -> None:
     np.testing.assert_array_equal(two.light.ambient, three.light.ambient)
 
 
-def test_a_tube_that_is_not_there_is_said() -> None:
-    with pytest.raises(InputError, match="no tube 'skin'; it has link, sleeve, ring"):
-        draw_lighting(LightingVariation(shades={"skin": (0.1, 0.2)}), 0, NUMBERS, SHADES)
-
-
 def test_impossible_light_is_refused() -> None:
     with pytest.raises(InputError, match="unit vector"):
         Light(np.array([[1.0, 1.0, 0.0]]), np.array([0.5]))

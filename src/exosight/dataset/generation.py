@@ -35,7 +35,7 @@ from exosight.dataset.manifest import (
 )
 from exosight.dataset.simulation import causes, simulate_designs
 from exosight.dataset.store import write_chunk
-from exosight.dataset.variation import variation_columns
+from exosight.dataset.variation import shades_of, variation_columns
 from exosight.errors import DataError, InputError
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet
@@ -149,8 +149,9 @@ def _job(config: GenerateConfig, begun: Path | None) -> GenerationJob:
     else:
         config = replace(config, system=name)
     designs = design_set(config, description)
-    count = len(draw_designs(config, designs))
-    _check_size(config, designs, count)
+    drawn = draw_designs(config, designs)
+    _check_size(config, designs, len(drawn))
+    shades_of(config, designs.build(drawn[0]))
     view = designs.schema.cameras[0]
     per_chunk = CHUNK_BYTES // (config.frames * view.height * view.width)
     return GenerationJob(config, description, causes(designs), max(1, min(DESIGNS_PER_CHUNK, per_chunk)))
@@ -198,7 +199,7 @@ def _finish(
         families=designs.families,
         scenarios=designs.scenarios,
         designs=tuple(drawn),
-        chunks=tuple(sorted(chunks, key=lambda chunk: chunk.file)),
+        chunks=tuple(chunks),
         dropped=dropped,
     )
     kept = np.sum([record.kept for record in records], axis=0)

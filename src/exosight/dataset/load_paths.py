@@ -7,17 +7,12 @@ evenly over the ranges of all channels by the dataset's seed and the design's nu
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from exosight.system.schema import Schema
 
 WAYPOINTS = 4
 """Of several channels: five pieces, so that 50 frames are ten a piece."""
-
-MAX_STEP = 1 / 40
-"""Largest step between two equilibria of a path, as a share of the way from rest to its far end (of several
-channels: of their ranges): with half of it 0.2 % of the frames of the published dataset end on another branch
-of the hysteresis, and with any step some do (docs/log.md)."""
 
 _STREAM = 0x70617468
 """Spawn key of the waypoints, apart from those of what varies."""
@@ -25,16 +20,15 @@ _STREAM = 0x70617468
 
 @dataclass(frozen=True)
 class LoadPath:
-    """Commands to solve in order, and which of them are frames.
+    """Commands to solve in order, with straight ways between, and which of them are frames.
 
-    The frames are spread evenly over the path; the commands in between divide the way from frame to frame
-    into equal steps, so that every frame is an equilibrium of its own and none is interpolated.
+    The frames are spread evenly over the path; what is solved beside them are the points at which it turns.
     """
 
     commands: Float[np.ndarray, "points channels"]
     """In the channels' units."""
-    frames: slice
-    """Of the points."""
+    frames: Int[np.ndarray, " frames"]
+    """Places of the frames among the points."""
 
 
 def load_path(schema: Schema, frames: int, seed: int, number: int) -> LoadPath:
@@ -45,19 +39,18 @@ def load_path(schema: Schema, frames: int, seed: int, number: int) -> LoadPath:
     random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM, number)))
     rest = np.zeros((1, len(low)))
     corners = np.concatenate([rest, random.uniform(low, high, (WAYPOINTS, len(low))), rest])
-    substeps = _substeps(len(corners) - 1, frames)
-    place = np.linspace(0, len(corners) - 1, (frames - 1) * substeps + 1)
-    columns = [np.interp(place, np.arange(len(corners)), values) for values in corners.T]
-    return LoadPath(np.stack(columns, axis=1), slice(None, None, substeps))
+    turns = np.arange(len(corners))
+    own = np.linspace(0, len(corners) - 1, frames)
+    every = np.union1d(own, turns)
+    columns = [np.interp(every, turns, values) for values in corners.T]
+    return LoadPath(np.stack(columns, axis=1), np.searchsorted(every, own))
 
 
 def _there_and_back(peak: float, frames: int) -> LoadPath:
-    substeps = _substeps(2, frames)
-    substeps += (frames - 1) * substeps % 2  # the turning point is solved too
-    rising = np.linspace(0, peak, (frames - 1) * substeps // 2 + 1)
-    return LoadPath(np.concatenate([rising, rising[-2::-1]])[:, None], slice(None, None, substeps))
-
-
-def _substeps(pieces: int, frames: int) -> int:
-    """Steps from a frame to the next, where a piece may go from one end of a range to the other."""
-    return int(np.ceil(pieces / (frames - 1) / MAX_STEP - 1e-9))
+    """As many frames rise as fall, to the last bit at the same commands."""
+    place = np.arange(frames)
+    own = peak * (2 * np.minimum(place, frames - 1 - place) / (frames - 1))
+    if frames % 2:
+        return LoadPath(own[:, None], place)
+    half = frames // 2  # the turn is between two frames
+    return LoadPath(np.insert(own, half, peak)[:, None], place + (place >= half))

@@ -107,9 +107,15 @@ def new_manifest(**entries: Any) -> Manifest:
         config = json.loads(json.dumps(entries.pop("config"), allow_nan=False))
     except (TypeError, ValueError) as error:
         raise InputError(f"manifest: config must hold JSON values ({error})") from error
+    chunks = sorted(entries.pop("chunks"), key=lambda chunk: chunk.file)
     try:
         return Manifest(
-            format=FORMAT, exosight_version=__version__, quantities=quantities, config=config, **entries
+            format=FORMAT,
+            chunks=tuple(chunks),
+            exosight_version=__version__,
+            quantities=quantities,
+            config=config,
+            **entries,
         )
     except ValidationError as error:
         raise InputError(f"manifest: {first_fault(error)}") from error
@@ -175,7 +181,7 @@ def read_manifest(folder: Path) -> Manifest:
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path}: truncated or damaged, it is not JSON ({error})") from error
     found = values.get("format") if isinstance(values, dict) else None
-    if not isinstance(found, int) or found < 1:
+    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
         raise DataError(f"{path}: not the manifest of a dataset, it has no format number")
     if found > FORMAT:
         raise DataError(

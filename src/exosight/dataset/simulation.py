@@ -79,8 +79,7 @@ def depict(
     places   of the frames on the design's path, from 0
     """
     numbers = design.number * config.frames + places.astype(np.int64)
-    shades = {tube.name: tube.shade for tube in system.tubes}
-    images = picture(system, seen.axes, lighting_of(config, numbers, shades))
+    images = picture(system, seen.axes, lighting_of(config, numbers, system))
     if config.appearance == AppearanceVariation():
         return images
     return augment(images, appearance_of(config, numbers), cover(system, seen.axes))

@@ -3,15 +3,17 @@
 This module needs JAX; `exosight.dataset.store.read_variation` reads what was kept without it.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Int64
 
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Columns, Frames
+from exosight.errors import InputError
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet
+from exosight.system.system import System
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.augment import Appearance, draw_appearance
 from exosight.vision.lighting import Lighting, LightingVariation, draw_lighting
@@ -19,14 +21,21 @@ from exosight.vision.lighting import Lighting, LightingVariation, draw_lighting
 _LIGHTING, _APPEARANCE = 1, 2  # streams of the dataset's seed
 
 
-def lighting_of(
-    config: GenerateConfig, numbers: Int64[np.ndarray, " frames"], shades: Mapping[str, float]
-) -> Lighting:
-    """Shades and light of the frames of a dataset with these numbers.
+def shades_of(config: GenerateConfig, system: System) -> dict[str, float]:
+    """Nominal shade of every tube, by its name; InputError if the shade of another is to vary."""
+    shades = {tube.name: tube.shade for tube in system.tubes}
+    unknown = [name for name in config.lighting.shades if name not in shades]
+    if unknown:
+        raise InputError(
+            f"lighting.shades: the system {system.name} has no tube {unknown[0]!r}; "
+            f"it has {', '.join(shades)}"
+        )
+    return shades
 
-    shades   nominal shade of every tube, by its name
-    """
-    return draw_lighting(config.lighting, (config.seed, _LIGHTING), numbers, shades)
+
+def lighting_of(config: GenerateConfig, numbers: Int64[np.ndarray, " frames"], system: System) -> Lighting:
+    """Shades and light of the frames of a dataset with these numbers."""
+    return draw_lighting(config.lighting, (config.seed, _LIGHTING), numbers, shades_of(config, system))
 
 
 def appearance_of(config: GenerateConfig, numbers: Int64[np.ndarray, " frames"]) -> Appearance:
@@ -57,10 +66,10 @@ def variation_columns(
         for name in drawn[chosen[0].number]
     }
     if config.lighting != LightingVariation():
-        shades = {tube.name: tube.shade for tube in designs.build(chosen[0]).tubes}
-        lighting = lighting_of(config, numbers, shades)
-        for name, values in zip(shades, lighting.shades.T, strict=True):
-            columns[f"lighting.{name}_shade"] = values
+        system = designs.build(chosen[0])
+        lighting = lighting_of(config, numbers, system)
+        for tube, values in zip(system.tubes, lighting.shades.T, strict=True):
+            columns[f"lighting.{tube.name}_shade"] = values
         for name, direction in zip(("right", "up", "towards"), lighting.light.lamp.T, strict=True):
             columns[f"lighting.lamp_{name}"] = direction
         columns["lighting.ambient"] = lighting.light.ambient

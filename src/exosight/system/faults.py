@@ -29,7 +29,7 @@ _WORDS = (
         "expected an entry of this file, such as rods.sleeve.young",
     ),
     (
-        "String should match pattern '^[A-Za-z][A-Za-z0-9_]{0,31}$'",
+        "String should match pattern '^[A-Za-z][A-Za-z_0-9]{0,31}$'",
         "expected a name of at most 32 letters, digits and underscores, a letter first",
     ),
 )
@@ -39,7 +39,11 @@ _WORDS = (
 def at_place(place: str, make: Callable[..., Made], *arguments: object) -> Made:
     """What `make` returns at the arguments.
 
+<<<<<<< HEAD
     Raises an InputError for any ValueError of it; a place at the beginning of its message is within `place`.
+=======
+    Raises an InputError for any ValueError of it; a place that begins its message is one within `place`.
+>>>>>>> main
     """
     try:
         return make(*arguments)

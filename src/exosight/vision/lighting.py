@@ -9,7 +9,6 @@ from jaxtyping import Float, Integer
 from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass
 
-from exosight.errors import InputError
 from exosight.validation import CONFIG, Name, rising
 from exosight.vision.counter_rng import Seed, uniforms
 from exosight.vision.renderer import AMBIENT, LAMP, Light
@@ -54,13 +53,10 @@ def draw_lighting(
 
     The lamp is even over the cap of directions within `lamp` of the nominal one.
 
-    nominal   shade of every tube, by name, in the order in which they are drawn
+    nominal   shade of every tube, by name, in the order in which they are drawn; others do not count
 
-    Raises InputError for a negative seed or number, or a tube to vary that is not there.
+    Raises InputError for a negative seed or number.
     """
-    unknown = [name for name in variation.shades if name not in nominal]
-    if unknown:
-        raise InputError(f"shades: the system has no tube {unknown[0]!r}; it has {', '.join(nominal)}")
     first = _LAMP_AND_AMBIENT
     share = uniforms(seed, numbers, max(len(nominal), first) + 3)
     tilt, turn, level = share[:, first : first + 3].T

@@ -25,12 +25,14 @@ def generate(
 ) -> None:
     """Simulate, render and store designs of a system, each driven from rest along a load path and back.
 
-    Of the published system these are exosuits of all eleven scenarios, driven 0 → 4 → 0 N: the paper's dataset
-    is --per-scenario 125 (1375 shapes, 68,750 frames). Of a system file (--system FILE) they are --designs that
-    differ in what the file's vary tables say; of several channels each is driven over waypoints of its own.
+    Of the published system these are exosuits of all eleven scenarios, driven 0 → 4 → 0 N: the paper's
+    dataset is --per-scenario 125 (1375 shapes, 68,750 frames). Of a system file (--system FILE) they are
+    --designs that differ in what the file's vary tables say; with several channels each is driven over
+    waypoints of its own.
 
     The folder also holds all that makes it again (manifest.json) and a card (README.md); frames left out are
-    counted by cause. Stopped at any moment, the same command with --resume goes on; it also mends damaged files.
+    counted by cause. Stopped at any moment, the same command with --resume goes on; it also mends damaged
+    files.
 
     Light and pictures are the nominal ones unless --lighting and --appearance let them vary, and so are the
     published system's fingers and exosuits unless --plant does; what was drawn is kept with each frame
