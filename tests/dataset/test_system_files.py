@@ -97,7 +97,7 @@ def test_frames_are_equilibria_of_their_designs_under_their_commands(
     designs = design_set(config_of(manifest), manifest.description)
     assert len(frames) + sum(manifest.dropped.values()) == len(manifest.designs) * CONFIGS[name].frames
     assert frames.labels.max() > 0.01  # something is pressed on
-    for number in np.unique(frames.design):
+    for number in np.unique(frames.design).tolist():
         mine = np.flatnonzero(frames.design == number)
         system = designs.build(manifest.designs[number])
         path = load_path(frames.schema, CONFIGS[name].frames, manifest.seed, number)
