@@ -16,7 +16,8 @@ from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.cpu import cores
-from exosight.mechanics.continuation import SNAPS, ContinuationState, Records, begin, stepper
+from exosight.mechanics.continuation import stepper
+from exosight.mechanics.continuation_state import SNAPS, ContinuationState, Records, begin
 from exosight.mechanics.metric import metric_of
 
 ROOM = 64
