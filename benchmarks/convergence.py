@@ -206,7 +206,7 @@ def newton_residuals() -> dict[str, list[float]]:
     worn = assemble(Exosuit())
     return {
         "cantilever, 2 to 2.5 EI/L²": line(bent, [1.0, 2.0], 2.5),
-        "worn exosuit, 1 to 1.05 N": line(worn, np.linspace(0, 1, 21).tolist(), 1.05),
+        "exosuit on a finger, 1 to 1.05 N": line(worn, np.linspace(0, 1, 21).tolist(), 1.05),
     }
 
 

@@ -37,10 +37,11 @@ def main() -> None:
         "chunks": len(manifests[0].chunks),
         "chunks of the same checksum": sum(a.sha256 == b.sha256 for a, b in pairs),
         "same shape, u and direction": all(
-            np.array_equal(getattr(one, name), getattr(other, name)) for name in ("shape_id", "u", "loading")
+            np.array_equal(getattr(one, name), getattr(other, name))
+            for name in ("design", "commands", "step")
         ),
         "pictures that differ": int(np.any(one.images != other.images, axis=(1, 2)).sum()),
-        "largest difference of a force [N]": float(np.abs(one.forces - other.forces).max()),
+        "largest difference of a force [N]": float(np.abs(one.labels - other.labels).max()),
         "largest difference of a coordinate": float(np.abs(one.pose - other.pose).max()),
     }
     print(json.dumps(found, indent=1))

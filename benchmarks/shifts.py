@@ -15,22 +15,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
 from exosight.app.pipeline import Data, load, test_part
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.dataset.config import GenerateConfig
+from exosight.dataset.designs import config_of, design_set
 from exosight.dataset.frames import Frames, concatenate
-from exosight.dataset.manifest import sampled_shapes
-from exosight.dataset.simulation import simulate_shapes
+from exosight.dataset.simulation import simulate_designs
 from exosight.evaluation import evaluate_intervals, score
-from exosight.exosuit.scenarios import SampledShape
 from exosight.exosuit.variation import PlantVariation
+from exosight.system.design import Design
 from exosight.vision import AppearanceVariation, LightingVariation
 
 RESULT = Path(__file__).parents[1] / "docs" / "results" / "accuracy" / "shifts.json"
 PROMISED = 0.9
-GROUP = 64  # shapes simulated together: bounds the memory
+GROUP = 64  # designs simulated together: bounds the memory
 
 Variation = PlantVariation | LightingVariation | AppearanceVariation
 SHIFTS: dict[str, Variation] = {
@@ -41,7 +40,7 @@ SHIFTS: dict[str, Variation] = {
     "joint stiffness 0.5 to 2 times": PlantVariation(joint_stiffness=(0.5, 2.0)),
     "links ±3 %, radius ±5 %": PlantVariation(link_length=(0.97, 1.03), finger_radius=(0.95, 1.05)),
     "mount ±1 mm, ±1°": PlantVariation(mount_offset=(-0.001, 0.001), mount_angle=(-0.0175, 0.0175)),
-    "camera moved by up to 2 % of the picture": AppearanceVariation(shift=0.02),
+    "camera moved by up to 2 % of the image": AppearanceVariation(shift=0.02),
     "camera moved by up to 10 %": AppearanceVariation(shift=0.1),
     "camera nearer or farther by up to 3 %": AppearanceVariation(zoom=0.03),
     "camera nearer or farther by up to 15 %": AppearanceVariation(zoom=0.15),
@@ -49,7 +48,7 @@ SHIFTS: dict[str, Variation] = {
     "camera tilted by up to 10°": AppearanceVariation(tilt=0.175),
     "lens distortion up to 5 %": AppearanceVariation(distortion=0.05),
     "lamp up to 30° away": LightingVariation(lamp=0.52),
-    "shades of finger and exosuit": LightingVariation(finger_shade=(0.55, 0.8), exosuit_shade=(0.2, 0.5)),
+    "shades of finger and exosuit": LightingVariation(shades={"finger": (0.55, 0.8), "exosuit": (0.2, 0.5)}),
     "plain background of any gray": AppearanceVariation(backgrounds=("flat",)),
     "uneven background": AppearanceVariation(backgrounds=("smooth",)),
     "blur up to 1.5 pixels": AppearanceVariation(blur=1.5),
@@ -68,42 +67,42 @@ def changed(config: GenerateConfig, shift: Variation) -> GenerateConfig:
             return replace(config, appearance=shift)
 
 
-def seen(config: GenerateConfig, shapes: list[SampledShape]) -> Frames:
-    """The frames of some shapes."""
-    return concatenate(
-        [simulate_shapes(config, shapes[i : i + GROUP])[0] for i in range(0, len(shapes), GROUP)]
-    )
+def seen(config: GenerateConfig, designs: list[Design]) -> Frames:
+    """The frames of some designs of the published system."""
+    every = design_set(config, None)
+    groups = [designs[i : i + GROUP] for i in range(0, len(designs), GROUP)]
+    return concatenate([simulate_designs(config, every, group)[0] for group in groups])
 
 
 def judge(estimator: OnnxEstimator, frames: Frames) -> dict[str, Any]:
     """Errors, intervals and trust on the frames of one shift."""
-    reading = estimator.read(frames.images, PROMISED)
-    found = score(frames.forces, reading.forces)
-    inside = evaluate_intervals(frames.forces, reading.forces, {PROMISED: (reading.low, reading.high)})
+    reading, schema, true = estimator.read(frames.images, PROMISED), frames.schema, frames.labels
+    found = score(schema, true, reading.forces)
+    inside = evaluate_intervals(schema, true, reading.forces, {PROMISED: (reading.low, reading.high)})
     trusted = reading.ood_score <= 1
-    of_trusted = score(frames.forces[trusted], reading.forces[trusted]) if trusted.sum() > 1 else None
+    of_trusted = score(schema, true[trusted], reading.forces[trusted]) if trusted.sum() > 1 else None
     return {
         "frames": len(frames),
         "r": found.r.mean,
-        "r_lowest": float(np.nanmin([contact.r for contact in found.contacts])),
+        "r_lowest": float(np.nanmin([output.r for output in found.outputs])),
         "rms_percent": found.rms_percent.mean,
         "rmse": found.rmse.mean,
-        "net_rmse": found.net.rmse,
+        "net_rmse": found.sums[0].rmse,
         "inside_percent": 100 * float(inside.at(PROMISED).mean()),
         "flagged_percent": 100 * float(np.mean(~trusted)),
-        "net_rmse_trusted": of_trusted.net.rmse if of_trusted else None,
+        "net_rmse_trusted": of_trusted.sums[0].rmse if of_trusted else None,
     }
 
 
 def run(data: Data, estimator: OnnxEstimator, shifts: Iterable[str] = SHIFTS) -> dict[str, dict[str, Any]]:
     """Name of each shift → what `judge` says."""
-    config = TypeAdapter(GenerateConfig).validate_python(data.manifest.config)
+    config = config_of(data.manifest)
     index, _ = test_part(estimator.card, data)
-    known = set(np.unique(data.frames.shape_id[index])[::3].tolist())
-    shapes = [sampled for sampled in sampled_shapes(data.manifest) if sampled.shape_id in known]
+    known = set(np.unique(data.frames.design[index])[::3].tolist())
+    designs = [design for design in data.manifest.designs if design.number in known]
     found = {}
     for name in shifts:
-        found[name] = judge(estimator, seen(changed(config, SHIFTS[name]), shapes))
+        found[name] = judge(estimator, seen(changed(config, SHIFTS[name]), designs))
         print(name, found[name], flush=True)
     return found
 

@@ -7,11 +7,11 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))  # for _parts
 
-# First of all: it chooses where JAX keeps compiled code, which JAX reads when it is imported.
+# First: sets the cache directory of compiled code, which JAX reads when it is imported.
 import exosight.app  # noqa: E402, F401
 from exosight import __version__  # noqa: E402
 
-for name in ("jax", "onnx_ir", "onnxscript"):  # tell much that is no news
+for name in ("jax", "onnx_ir", "onnxscript"):  # verbose
     logging.getLogger(name).setLevel(logging.WARNING)
 
 project, author, release, version = "exosight", "The exosight developers", __version__, __version__

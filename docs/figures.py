@@ -1,6 +1,5 @@
-"""The pictures of the documentation: `make figures` draws them again from simulation alone."""
+"""Figures of the documentation: `make figures` draws them from simulation alone."""
 
-from dataclasses import fields
 from pathlib import Path
 
 import jax
@@ -19,8 +18,9 @@ from exosight.evaluation.figures.style import (
     show_image,
     styled,
 )
-from exosight.evaluation.metrics import CONTACTS
+from exosight.evaluation.published import CONTACTS_PUBLISHED
 from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, Pose, assemble, varied
+from exosight.exosuit.published import EXOSUIT_SHADE, FINGER_SHADE, published
 from exosight.exosuit.shapes import radius
 from exosight.exosuit.simulation import simulate
 from exosight.exosuit.variation import Variant
@@ -28,17 +28,18 @@ from exosight.mechanics import Motion, walk
 from exosight.system.camera import Camera, project
 from exosight.vision import (
     TRAINING,
-    AppearanceVariation,
+    Appearance,
     Light,
     Lighting,
     augment,
     draw_appearance,
-    from_table,
 )
-from exosight.vision.appearance import BACKGROUND_KINDS, OCCLUSION_KINDS, Appearance, to_table
-from exosight.vision.lighting import EXOSUIT_SHADE, FINGER_SHADE
 from exosight.vision.renderer import AMBIENT, LAMP
 from exosight.vision.scene import cover, picture
+from exosight.vision.transforms.composition import BACKGROUND_KINDS
+from exosight.vision.transforms.foreground import OCCLUSION_KINDS
+
+CONTACTS = tuple(contact.name for contact in CONTACTS_PUBLISHED)
 
 IMAGES = Path(__file__).parent / "images"
 LOADS = (0.0, 0.8, 1.6, 2.4, 3.2, 4.0)
@@ -49,18 +50,20 @@ NEWTON = 0.2  # an arrow of 1 N is so long [m]
 
 @styled
 def overview() -> Figure:
-    """The system, what the camera sees, the forces behind it, and the way there."""
+    """The system, a camera image, its contact forces, and images along the path."""
     exosuit = Exosuit(CONTROL_SHAPE)
     found = simulate(exosuit, LOADS)
-    seen = picture(exosuit, found.pose, Camera())
+    seen = picture(published(exosuit), found.pose.axes)
     one = jax.tree.map(lambda leaf: leaf[SHOWN : SHOWN + 1], found.pose)
 
     figure = new_figure(height=4.4, width=8.0)
     top, bottom = figure.subfigures(2, 1, height_ratios=(2.6, 1.7))
     system, camera, forces = top.subplots(1, 3, width_ratios=(2.85, 2.0, 1.8))
-    _draw_system(system, exosuit, found.equilibria.q[SHOWN], one, picture(exosuit, one, NEAR)[0])
+    _draw_system(
+        system, exosuit, found.equilibria.q[SHOWN], one, picture(published(exosuit, NEAR), one.axes)[0]
+    )
     show_image(camera, seen[SHOWN])
-    camera.set_title("2. What the camera sees")
+    camera.set_title("2. Camera image")
     camera.set_xlabel("128 × 128 pixels, gray")
     _draw_forces(forces, np.asarray(one.forces[0]))
 
@@ -100,7 +103,7 @@ def _draw_system(
     ends = np.array([[-0.015, 0.0, -0.05], [0.005, 0.0, -0.05]])
     ax.plot(*_pixels(ends).T, color=BLACK, linewidth=1.5, solid_capstyle="butt")
     _write(ax, "2 cm", ends.mean(axis=0) + np.array([0.0, 0.0, 0.005]), color=BLACK)
-    ax.set_title("1. A soft exosuit pushes a finger closed")
+    ax.set_title("1. A soft exosuit flexes a finger")
 
 
 def _arrow(ax: Axes, start: Float[np.ndarray, "3"], end: Float[np.ndarray, "3"], text: str) -> None:
@@ -123,7 +126,7 @@ def _write(ax: Axes, text: str, at: Float[np.ndarray, "3"], color: str) -> None:
 
 
 def _line(exosuit: Exosuit, motion: Motion) -> Float[np.ndarray, "points 3"]:
-    """The line of actuation in the world: on the surface away from the finger [m]."""
+    """The line of actuation in the world: on the surface opposite to the finger [m]."""
     frames = np.asarray(motion.pose[assemble(exosuit).frame_slice(ROD)])
     surface = radius(exosuit.shape.surface, QUADRATURE.points)
     return frames[:, :3, 3] + surface[:, None] * frames[:, :3, 2]
@@ -140,12 +143,12 @@ def _draw_forces(ax: Axes, forces: Float[np.ndarray, " 8"]) -> None:
     ax.set(yticks=place, yticklabels=CONTACTS, xlabel="contact force [N]", xlim=(0, 0.19))
     ax.invert_yaxis()
     ax.tick_params(axis="y", length=0)
-    ax.set_title("3. The forces to be read off it")
+    ax.set_title("3. Contact forces to estimate")
 
 
 @styled
 def variation() -> Figure:
-    """What may vary: the plant and its light when rendered, then all that may happen to one picture."""
+    """Variation of the plant, of the light, and of the appearance of one image."""
     exosuit = Exosuit(CONTROL_SHAPE)
     rows = {
         "plant, at 2.4 N": _varied_plants(exosuit),
@@ -174,7 +177,9 @@ def _varied_plants(exosuit: Exosuit) -> Panels:
         "mount + 0.2 rad, + 4 mm": Variant(mount_angle=0.2, gap=0.004),
     }
     worn = {name: varied(exosuit, variant) for name, variant in variants.items()}
-    return [(name, picture(each, simulate(each, [2.4]).pose, Camera())[0]) for name, each in worn.items()]
+    return [
+        (name, picture(published(each), simulate(each, [2.4]).pose.axes)[0]) for name, each in worn.items()
+    ]
 
 
 def _lit(exosuit: Exosuit) -> Panels:
@@ -187,7 +192,7 @@ def _lit(exosuit: Exosuit) -> Panels:
         rod: float = EXOSUIT_SHADE,
     ) -> UInt8[np.ndarray, "height width"]:
         light = Light(np.array([lamp]), np.array([ambient]))
-        return picture(exosuit, pose, Camera(), Lighting(np.array([finger]), np.array([rod]), light))[0]
+        return picture(published(exosuit), pose.axes, Lighting(np.array([[finger, rod]]), light))[0]
 
     return [
         ("lamp from the left", lit(lamp=(-0.8, 0.0, 0.6))),
@@ -201,14 +206,10 @@ def _lit(exosuit: Exosuit) -> Panels:
 
 def _varied_pictures(exosuit: Exosuit) -> dict[str, Panels]:
     pose = simulate(exosuit, [2.4]).pose
-    one, covered = picture(exosuit, pose, Camera()), cover(exosuit, pose, Camera())
-    nothing = to_table(draw_appearance(AppearanceVariation(), 0, np.arange(1)))
+    one, covered = (see(published(exosuit), pose.axes) for see in (picture, cover))
 
     def with_(**change: float) -> UInt8[np.ndarray, "height width"]:
-        columns = [field.name for field in fields(Appearance)]
-        table = nothing.copy()
-        table[0, [columns.index(name) for name in change]] = list(change.values())
-        return augment(one, from_table(table), covered)[0]
+        return augment(one, Appearance.neutral(1, **change), covered)[0]
 
     def before(kind: str) -> UInt8[np.ndarray, "height width"]:
         look = {"background_level": 0.5, "background_contrast": 0.3, "background_size": 0.15}
@@ -259,7 +260,7 @@ def _varied_pictures(exosuit: Exosuit) -> dict[str, Panels]:
 
 
 def main() -> None:
-    """Draw every picture anew."""
+    """Draw every figure."""
     IMAGES.mkdir(exist_ok=True)
     for figure in (overview, variation):
         save(figure(), IMAGES / f"{figure.__name__}.png", dpi=200)

@@ -1,4 +1,4 @@
-"""The tables and pictures of docs/accuracy.md, from docs/results/accuracy/*.json; the numbers:
+"""Tables and figures of docs/accuracy.md, from docs/results/accuracy/*.json; the numbers:
 
 DATA is `exosight generate --per-scenario 125`; each NAME.json but the last is
 `exosight evaluate --model results/NAME/model.onnx --data DATA --json docs/results/accuracy/NAME.json`, after
@@ -25,51 +25,53 @@ from matplotlib.figure import Figure
 
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.evaluation.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
-from exosight.evaluation.metrics import CONTACTS
+from exosight.evaluation.published import CONTACTS_PUBLISHED
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.shapes import FAMILIES, ExosuitShape, Linear
 from exosight.exosuit.simulation import simulate
 from exosight.system.camera import Camera
 from exosight.vision.scene import picture as seen
 
+CONTACTS = tuple(contact.name for contact in CONTACTS_PUBLISHED)
+
 HERE = Path(__file__).parent
 PAGE, RESULTS = HERE / "accuracy.md", HERE / "results" / "accuracy"
 IMAGE, SHARES = HERE / "images" / "accuracy.png", HERE / "images" / "shares.png"
-TOLD_BY_SHARES = ExosuitShape(Linear(0.01, 0.0087), 0.109)
-"""One of the test exosuits that C7 is read worst of."""
+SHARES_SHAPE = ExosuitShape(Linear(0.01, 0.0087), 0.109)
+"""One of the test exosuits with the largest error of C7."""
 CASES = ("clean", "noise, low", "noise, medium", "noise, high", "contrast, low", "contrast, high")
 IMAGES = ("clean", "noise 0.001", "noise 0.01", "noise 0.1", "low contrast", "high contrast")
 PROTOCOLS = {
     "shape": "by shape, shipped network",
     "frame": "by frame, clean images, 80 epochs",
-    **{f"without_{family}": f"without {family.replace('_', '-')}" for family in FAMILIES},
+    **{f"without_{family}": f"family {family.replace('_', '-')} held out" for family in FAMILIES},
 }
 SHORT, LONG = (tuple(f"{kind}_{seed}" for seed in range(3)) for kind in ("seed", "long"))
 DEGRADED = {
-    "shape": "shipped (noise and contrast learned), unseen shapes",
+    "shape": "shipped (trained with noise and contrast), by shape",
     "frame": "light, clean images only, by frame",
     "paper": "paper's network, clean images only, 2 epochs, by frame",
 }
 
 HELD_OUT = {
     "adapted_stiffness": {
-        "shipped": "stiffer exosuits, 1.6 to 2 times: shipped network as it is",
-        "held_out": "learned from 0.5 to 1.6 times",
+        "shipped": "stiffer exosuits, 1.6 to 2 times: shipped network",
+        "held_out": "fine-tuned on 0.5 to 1.6 times",
     },
     "adapted_cameras": {
-        "shipped": "nearer cameras, by 5 to 8 %: shipped network as it is",
-        "held_out": "learned from cameras 8 % farther to 5 % nearer",
+        "shipped": "nearer cameras, by 5 to 8 %: shipped network",
+        "held_out": "fine-tuned on cameras 8 % farther to 5 % nearer",
     },
 }
 ADAPTED = {
     "adapted_other": {
-        "shipped": "another set-up: shipped network as it is",
-        "adapted": "going on from it, 4 epochs",
+        "shipped": "another set-up: shipped network",
+        "adapted": "fine-tuned, 4 epochs",
         "anew": "from random weights, 4 epochs",
     },
     "adapted_many": {
-        "shipped": "many cameras: shipped network as it is",
-        "adapted": "going on from it, 8 epochs",
+        "shipped": "many cameras: shipped network",
+        "adapted": "fine-tuned, 8 epochs",
     },
 }
 
@@ -99,37 +101,39 @@ def tables(found: Found) -> dict[str, str]:
 
 
 def _networks(found: Found, asked: Mapping[str, Mapping[str, str]]) -> str:
-    """Networks on pictures of another set-up."""
-    rows = {words: found[name][network] for name, told in asked.items() for network, words in told.items()}
-    return _shifts(rows, "pictures and network")
+    """Networks on images of another set-up."""
+    rows = {
+        words: found[name][network] for name, labels in asked.items() for network, words in labels.items()
+    }
+    return _shifts(rows, "images and network")
 
 
-def of_contacts(told: Found, column: str) -> np.ndarray:
+def of_contacts(result: Found, column: str) -> np.ndarray:
     """One quantity of C1…C7."""
-    return np.array([row[column] for row in told["contacts"] if row["contact"] in CONTACTS], float)
+    return np.array([row[column] for row in result["contacts"] if row["contact"] in CONTACTS], float)
 
 
 def _protocols(found: Found) -> str:
     rows = []
     for name, words in PROTOCOLS.items():
-        told = found[name]
-        r = of_contacts(told, "r exosight")
+        result = found[name]
+        r = of_contacts(result, "r exosight")
         rows.append(
             [
                 words,
-                told["frames"].split()[0],
+                result["frames"].split()[0],
                 f"{np.nanmean(r):.4f}",
                 f"{np.nanmin(r):.3f}",
-                f"{np.nanmean(of_contacts(told, 'RMS% exosight [%]')):.2f}",
-                f"{1e3 * np.nanmean(of_contacts(told, 'RMSE exosight [N]')):.1f}",
+                f"{np.nanmean(of_contacts(result, 'RMS% exosight [%]')):.2f}",
+                f"{1e3 * np.nanmean(of_contacts(result, 'RMSE exosight [N]')):.1f}",
             ]
         )
-    # Its means as it prints them; those of its rounded contacts differ in the last digit.
+    # The means as printed in the paper; means of its rounded contacts differ in the last digit.
     paper = found["shape"]["robustness"][0]
     lowest = np.nanmin(of_contacts(found["shape"], "r paper"))
     means = (f"{paper['RMS% paper [%]']:.2f}", f"{1e3 * paper['RMSE paper [N]']:.0f}")
     rows.append(["paper, by frame", "–", f"{paper['r paper']:.2f}", f"{lowest:.2f}", *means])
-    heads = ("split and network", "frames tested", "r, mean", "r, lowest", "RMS% of range", "RMSE [mN]")
+    heads = ("split and network", "test frames", "r, mean", "r, lowest", "RMS% of range", "RMSE [mN]")
     return table_of(heads, rows)
 
 
@@ -163,10 +167,11 @@ def _degraded(found: Found) -> str:
     return table_of(("mean r", *IMAGES), rows)
 
 
-def _details(told: Found) -> str:
-    columns = list(told["details"][0])
+def _details(result: Found) -> str:
+    columns = list(result["details"][0])
     rows = [
-        [row["contact"], *(_number(row[column], column) for column in columns[1:])] for row in told["details"]
+        [row["contact"], *(_number(row[column], column) for column in columns[1:])]
+        for row in result["details"]
     ]
     return table_of([column.replace("[N]", "[mN]") for column in columns], rows)
 
@@ -175,23 +180,25 @@ def _number(value: float, column: str) -> str:
     return f"{1e3 * value:.1f}" if column.endswith("[N]") else f"{value:.4f}"
 
 
-def _baselines(told: Found) -> str:
+def _baselines(result: Found) -> str:
     columns = ("r exosight", "RMS% exosight [%]")
     rows = [
         [row["estimator"], *("–" if row[c] is None else f"{row[c]:.3f}" for c in columns)]
-        for row in told["baselines"]
+        for row in result["baselines"]
     ]
     return table_of(("estimator", "r, mean", "RMS% of range"), rows)
 
 
-def _coverage(told: Found) -> str:
-    own = [row for row in told["intervals"] if row["promised [%]"] == 90.0]
-    columns = ("inside estimate above zero [%]", "inside all frames [%]")
-    rows = [[column, *(_digits([row[column] for row in own], 1))] for column in columns]
-    return table_of(("intervals of 90 %", *(row["contact"] for row in own)), rows)
+def _coverage(result: Found) -> str:
+    own = [row for row in result["intervals"] if row["promised [%]"] == 90.0]
+    rows = [
+        [f"{frames} [%]", *_digits([row[f"inside {frames} [%]"] for row in own], 1)]
+        for frames in ("estimate above zero", "all frames")
+    ]
+    return table_of(("coverage of 90 % intervals", *(row["contact"] for row in own)), rows)
 
 
-def _shifts(told: Found, first: str = "what differs") -> str:
+def _shifts(result: Found, first: str = "change") -> str:
     rows = [
         [
             name,
@@ -202,16 +209,16 @@ def _shifts(told: Found, first: str = "what differs") -> str:
             f"{row['flagged_percent']:.0f}",
             "–" if row["net_rmse_trusted"] is None else f"{1e3 * row['net_rmse_trusted']:.0f}",
         ]
-        for name, row in told.items()
+        for name, row in result.items()
     ]
     heads = (
         first,
         "r, mean",
         "RMS% of range",
         "RMSE of F_net [mN]",
-        "inside 90 % intervals [%]",
+        "coverage of 90 % intervals [%]",
         "flagged as OOD [%]",
-        "RMSE of F_net on the others [mN]",
+        "RMSE of F_net, not flagged [mN]",
     )
     return table_of(heads, rows)
 
@@ -229,7 +236,7 @@ def picture(found: Found) -> Figure:
         ("by shape, shipped", of_contacts(found["shape"], "r exosight"), BLUE, "o"),
         ("by frame, clean images", of_contacts(found["frame"], "r exosight"), GREEN, "s"),
         (
-            "families held out, the lowest of five",
+            "family held out, lowest of five",
             np.nanmin([of_contacts(found[f"without_{f}"], "r exosight") for f in FAMILIES], axis=0),
             ORANGE,
             "^",
@@ -256,9 +263,9 @@ def picture(found: Found) -> Figure:
 
 @styled
 def shares() -> Figure:
-    """C6, C7 and their sum along the way up of one exosuit, true and as the shipped network reads them."""
+    """C6, C7 and their sum while u rises, one exosuit: true, and estimated by the shipped network."""
     u = np.arange(0.0, 3.001, 0.05)
-    exosuit = Exosuit(TOLD_BY_SHARES)
+    exosuit = Exosuit(SHARES_SHAPE)
     pose = jax.tree.map(np.asarray, simulate(exosuit, u).pose)
     true = 1e3 * pose.forces[:, 1:]
     read = 1e3 * OnnxEstimator.load(DEFAULT_MODEL).estimate(seen(exosuit, pose, Camera()))
@@ -266,9 +273,7 @@ def shares() -> Figure:
     panels = figure.subplots(1, 3, sharey=True)
     for axes, name, places in zip(panels, ("C6", "C7", "C6 + C7"), ([5], [6], [5, 6]), strict=True):
         axes.plot(u, true[:, places].sum(axis=1), color=BLUE, label="true")
-        axes.plot(
-            u, read[:, places].sum(axis=1), ".", color=VERMILION, markersize=4, label="read off the picture"
-        )
+        axes.plot(u, read[:, places].sum(axis=1), ".", color=VERMILION, markersize=4, label="estimated")
         axes.set_title(name)
         axes.set_xlabel("u [N]")
     panels[0].set_ylabel("force [mN]")
@@ -277,7 +282,7 @@ def shares() -> Figure:
 
 
 def main() -> None:
-    """Draw the pictures and fill in the page."""
+    """Draw the figures and fill in the page."""
     found = load()
     save(picture(found), IMAGE)
     save(shares(), SHARES)

@@ -1,9 +1,8 @@
-"""The animation at the top of the README, and one picture of it as the camera sees it.
+"""The animation of the README and one of its camera images, by simulation and estimation.
 
-docs/images/animation.gif and docs/images/camera.png, simulated and estimated anew.
-
-An exosuit bends the finger while u rises and falls; beside it what the camera sees, and the forces that the
-network that comes with the package reads off it, with 90 % intervals, beside the true ones.
+Writes docs/images/animation.gif and docs/images/camera.png: an exosuit bends the finger while u rises and
+falls; beside it the camera image, the true forces, and the estimates of the shipped network with
+90 % intervals.
 """
 
 import io
@@ -18,17 +17,20 @@ from PIL import Image
 from exosight.control import CONTROL_SHAPE, OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.evaluation.figures.style import BLACK, ESTIMATED, GRAY, TRUE, new_figure, show_image, styled
-from exosight.evaluation.metrics import CONTACTS
+from exosight.evaluation.published import CONTACTS_PUBLISHED
 from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
+from exosight.exosuit.published import published
 from exosight.mechanics import drive, stack
 from exosight.system.camera import Camera, project
 from exosight.vision.scene import picture
 
+CONTACTS = tuple(contact.name for contact in CONTACTS_PUBLISHED)
+
 IMAGES = Path(__file__).parent / "images"
 TARGET, SEEN = IMAGES / "animation.gif", IMAGES / "camera.png"
-SEEN_AT = 2.4  # [N], on the way up: the load at which the paper gives a force
+SEEN_AT = 2.4  # [N], u rising: the load at which the paper gives a force
 NEAR = Camera(centre=(0.047, -0.012), metres_per_pixel=2.6e-4, width=460, height=400)
-NEWTON = 0.15  # an arrow of 1 N is so long [m]
+NEWTON = 0.15  # length of an arrow of 1 N [m]
 TOP, STEP = 3.6, 0.1  # [N]
 HOLD = 4  # frames at either end
 MILLISECONDS = 110  # a frame
@@ -38,7 +40,7 @@ Forces = Float[np.ndarray, "frames 7"]
 
 
 def simulated() -> tuple[Exosuit, np.ndarray, Pose]:
-    """The exosuit, u, and its poses on the way up and down."""
+    """The exosuit, u, and its poses with u rising and falling."""
     exosuit = Exosuit(CONTROL_SHAPE)
     up = np.arange(0.0, TOP + STEP / 2, STEP)
     u = np.concatenate([up, up[-2::-1]])
@@ -62,7 +64,7 @@ def frame(
     read: tuple[Float[np.ndarray, " 7"], ...],
     largest: float,
 ) -> Figure:
-    """One picture of the animation; `read` is estimate, lower and upper end [N]."""
+    """One frame of the animation; `read` is estimate, lower and upper end [N]."""
     figure = new_figure(height=2.75, width=8.0)
     figure.get_layout_engine().set(w_pad=0.02, h_pad=0.02)  # type: ignore[union-attr]
     system, camera, answer = figure.subplots(1, 3, width_ratios=(1.5, 1.3, 1.5))
@@ -79,7 +81,7 @@ def frame(
     system.text(*(project(NEAR, ends[1]) + np.array([6, 4])), "0.1 N", color=TRUE, fontsize=8)
     system.set_title(f"u = {u:.1f} N", fontsize=11, fontfamily="monospace")
     show_image(camera, seen)
-    camera.set_title("what the camera sees", fontsize=10)
+    camera.set_title("camera image", fontsize=10)
 
     place = np.arange(len(CONTACTS))
     estimate, low, high = read
@@ -88,7 +90,7 @@ def frame(
     answer.hlines(place + 0.2, low, high, color=BLACK, linewidth=1)
     answer.set(yticks=place, yticklabels=CONTACTS, xlabel="contact force [N]", xlim=(0, largest))
     answer.set_title(
-        f"F_net {true.sum():.2f} N, read {estimate.sum():.2f} N", fontsize=10, fontfamily="monospace"
+        f"F_net {true.sum():.2f} N, estimated {estimate.sum():.2f} N", fontsize=10, fontfamily="monospace"
     )
     answer.invert_yaxis()
     answer.tick_params(axis="y", length=0)
@@ -107,7 +109,7 @@ def drawn(figure: Figure) -> Image.Image:
 def main() -> None:
     """Simulate, estimate, draw."""
     exosuit, u, pose = simulated()
-    seen, near = picture(exosuit, pose, Camera()), picture(exosuit, pose, NEAR)
+    seen, near = picture(published(exosuit), pose.axes), picture(published(exosuit, NEAR), pose.axes)
     Image.fromarray(seen[int(np.argmin(np.abs(u - SEEN_AT)))]).save(SEEN, optimize=True)
     read: Reading = OnnxEstimator.load(DEFAULT_MODEL).read(seen)
     true = np.asarray(pose.forces[:, 1:])

@@ -1,4 +1,4 @@
-"""The pictures and tables of docs/control.md: the paper's Figs. 6 and 7 run anew, some minutes on one core.
+"""Figures and tables of docs/control.md: the paper's Figs. 6 and 7 reproduced; some minutes on one core.
 
 `python docs/figures_control.py` simulates and draws; with `--draw` it draws what docs/results holds.
 """
@@ -35,8 +35,8 @@ from exosight.control import (
     measurement_from,
     run,
     run_guarded,
-    true_force,
     true_measurement,
+    true_reading,
 )
 from exosight.control.calibration import calibrate_estimator
 from exosight.control.estimator import DEFAULT_MODEL
@@ -62,17 +62,18 @@ from exosight.evaluation.figures.style import (
     styled,
 )
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 
 HERE = Path(__file__).parent
 PAGE, RESULT, IMAGES = HERE / "control.md", HERE / "results" / "control.json", HERE / "images"
 
 STIFFER = 1.2
-"""Factor on the modulus of an exosuit that is not the one tuned for."""
+"""Factor on the modulus of the exosuit that the controller was not tuned for."""
 
 PAPER = {"0.25 N": 7, "0.30 N": 5, "0.35 N": 14}
 """Steps to settle with K_P = 5."""
 PAPER_STEP = {
-    "0.1": "u reaches 1.6 N at most",
+    "0.1": "u reaches at most 1.6 N",
     "1": "u about 2.4 N, then −1 N; returns",
     "100": "stays at 0.23 N from 2.6 s on",
 }
@@ -88,30 +89,34 @@ def measure() -> dict[str, Any]:
     """Every run of both figures: traces and measures by controller and target, or gain."""
     estimator = OnnxEstimator.load(DEFAULT_MODEL)
     camera, exosuit = camera_of(estimator.card), Exosuit(CONTROL_SHAPE)
-    plant, config = SimulatedPlant(exosuit, camera), tune(exosuit)
-    stiffer = SimulatedPlant(replace(exosuit, young=STIFFER * exosuit.young), camera)
+    system = published(exosuit, camera)
+    plant, config = SimulatedPlant(system), tune(system)
+    stiffer = SimulatedPlant(published(replace(exosuit, young=STIFFER * exosuit.young), camera))
     constants = {f"{force:.2f} N": hold(force, STEADY_STATE_STEPS) for force in STEADY_STATE_TARGETS}
     step = hold_and_release(STEP_TARGET, round(STEP_SECONDS * 10))
-    own = calibrate_estimator(estimator, exosuit, config, camera)
+    own = calibrate_estimator(estimator, system, config)
 
     def paper(measured: Measure) -> dict[str, Any]:
-        law = Proportional(STEADY_STATE_GAIN)
-        return {name: _told(run(plant, law, measured, target)) for name, target in constants.items()}
+        law = Proportional(STEADY_STATE_GAIN, config.driven)
+        return {name: _trace(run(plant, law, measured, target)) for name, target in constants.items()}
 
     def ours(sense: Sense, targets: Mapping[str, np.ndarray]) -> dict[str, Any]:
         return {name: _guarded(plant, config, sense, target) for name, target in targets.items()}
 
     def without(plant: Plant, targets: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        return {n: _told(run(plant, OpenLoop(config), true_force, t)) for n, t in targets.items()}
+        return {n: _trace(run(plant, OpenLoop(config), true_reading(), t)) for n, t in targets.items()}
 
     def gains(measured: Measure) -> dict[str, Any]:
-        return {f"{gain:g}": _told(run(plant, Proportional(gain), measured, step)) for gain in STEP_GAINS}
+        return {
+            f"{gain:g}": _trace(run(plant, Proportional(gain, config.driven), measured, step))
+            for gain in STEP_GAINS
+        }
 
     return {
         "constant": {
-            LAW: paper(true_force),
-            LAW_IMAGE: paper(from_image(estimator)),
-            LAW_OWN: paper(from_image(own)),
+            LAW: paper(true_reading()),
+            LAW_IMAGE: paper(from_image(estimator, system.schema)),
+            LAW_OWN: paper(from_image(own, system.schema)),
             OPEN: without(plant, constants),
             OPEN_WRONG: without(stiffer, constants),
             OURS: ours(true_measurement, constants),
@@ -119,9 +124,9 @@ def measure() -> dict[str, Any]:
             OURS_OWN: ours(measurement_from(own), constants),
         },
         "step": {
-            LAW: gains(true_force),
-            LAW_IMAGE: gains(from_image(estimator)),
-            LAW_OWN: gains(from_image(own)),
+            LAW: gains(true_reading()),
+            LAW_IMAGE: gains(from_image(estimator, system.schema)),
+            LAW_OWN: gains(from_image(own, system.schema)),
             OPEN: without(plant, {"": step}),
             OPEN_WRONG: without(stiffer, {"": step}),
             OURS: ours(true_measurement, {"": step}),
@@ -133,30 +138,30 @@ def measure() -> dict[str, Any]:
 
 
 def load() -> dict[str, Any]:
-    """What was measured."""
+    """The stored results."""
     return json.loads(RESULT.read_text())
 
 
 def _guarded(plant: Plant, config: ControllerConfig, sense: Sense, target: np.ndarray) -> dict[str, Any]:
     guarded = Guarded(Scheduled(config))
-    found = _told(run_guarded(plant, guarded, sense, target))
+    found = _trace(run_guarded(plant, guarded, sense, target))
     return {**found, "log": [f"step {t.step}: {t.after.value}, {t.cause}" for t in guarded.log]}
 
 
-def _told(record: Record) -> dict[str, Any]:
+def _trace(record: Record) -> dict[str, Any]:
     """A run as plain numbers."""
-    response = judge_response(record.time, record.target, record.F_net_true, record.u)
+    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
     held = record.target > 0
-    pressing = np.flatnonzero(record.F_net_true[~held] >= RELEASED)
+    pressing = np.flatnonzero(record.true[~held] >= RELEASED)
     released = (0 if not len(pressing) else int(pressing[-1]) + 1) / 10
     return {
         **{key: None if value != value else value for key, value in asdict(response).items()},
-        "seconds_to_5_mN": released if record.F_net_true[-1] < RELEASED else None,
-        "last": round(float(record.F_net_true[-1]), 4),
+        "seconds_to_5_mN": released if record.true[-1] < RELEASED else None,
+        "last": round(float(record.true[-1]), 4),
         "target": record.target.tolist(),
-        "true": record.F_net_true.round(4).tolist(),
-        "told": record.F_net_estimated.round(4).tolist(),
-        "u": record.u.round(4).tolist(),
+        "true": record.true.round(4).tolist(),
+        "estimated": record.estimated.round(4).tolist(),
+        "u": record.command.round(4).tolist(),
     }
 
 
@@ -170,7 +175,7 @@ def _jumps(path: Any) -> list[dict[str, float]]:
 
 @styled
 def constant(found: dict[str, Any]) -> Figure:
-    """F_net and u for the three constant targets, a column a controller (the paper's Fig. 6)."""
+    """F_net and u for the three constant targets, one column per controller (the paper's Fig. 6)."""
     columns = (LAW, LAW_IMAGE, OPEN_WRONG, OURS_OWN)
     figure = new_figure(height=3.6)
     panels = figure.subplots(2, len(columns), sharex=True, sharey="row", height_ratios=(3, 2))
@@ -185,7 +190,7 @@ def constant(found: dict[str, Any]) -> Figure:
 
 @styled
 def steps(found: dict[str, Any]) -> Figure:
-    """F_net and u while 0.2 N is held for 10 s and then dropped, a column a controller (Fig. 7)."""
+    """F_net and u while 0.2 N is held for 10 s and then released, one column per controller (Fig. 7)."""
     columns = (LAW, LAW_IMAGE, OPEN_WRONG, OURS_OWN)
     figure = new_figure(height=3.6)
     panels = figure.subplots(2, len(columns), sharex=True, sharey="row", height_ratios=(3, 2))
@@ -196,7 +201,7 @@ def steps(found: dict[str, Any]) -> Figure:
             _draw(above, below, trace, colour, at_back=label == "100")
         above.set_title(name.replace(", ", "\n", 1))
         below.set_xlabel("time [s]")
-    panels[0, 0].set_ylim(-0.02, 0.45)  # K_P = 100 leaves it
+    panels[0, 0].set_ylim(-0.02, 0.45)  # K_P = 100 exceeds it
     _finish(figure, panels, [f"K_P = {gain}" for gain in found[LAW]])
     return figure
 
@@ -206,7 +211,7 @@ def _draw(above: Any, below: Any, trace: dict[str, Any], colour: str, at_back: b
     width = 0.6 if at_back else 1.2
     above.plot(time, trace["target"], color=GRAY, linewidth=0.8, linestyle="--", drawstyle="steps-post")
     above.plot(time, trace["true"], color=colour, linewidth=width, zorder=z)
-    above.plot(time, trace["told"], color=colour, linestyle=":", linewidth=width, zorder=z)
+    above.plot(time, trace["estimated"], color=colour, linestyle=":", linewidth=width, zorder=z)
     below.plot(time, trace["u"], color=colour, linewidth=width, zorder=z)
 
 
@@ -221,7 +226,7 @@ def _finish(figure: Figure, panels: np.ndarray, names: list[str]) -> None:
         Line2D([], [], color=BLACK, linestyle=":"),
         Line2D([], [], color=GRAY, linestyle="--", linewidth=0.8),
     ]
-    legend_above(figure, keys, [*names, "true", "told to the controller", "target"])
+    legend_above(figure, keys, [*names, "true", "input to the controller", "target"])
 
 
 def tables(found: dict[str, Any]) -> dict[str, str]:
@@ -250,9 +255,9 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                 ]
             )
     jumps = [
-        [way, f"{jump['u']:.3f}", f"{jump['before']:.3f}", f"{jump['after']:.3f}"]
-        for way in ("up", "down")
-        for jump in found["jumps"][way]
+        [f"u {way}", f"{jump['u']:.3f}", f"{jump['before']:.3f}", f"{jump['after']:.3f}"]
+        for way, name in (("rising", "up"), ("falling", "down"))
+        for jump in found["jumps"][name]
     ]
     return {
         "constant": table_of(
@@ -263,12 +268,12 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                 "controller and sensor",
                 "steps to settle at 0.2 N",
                 "largest and smallest u [N]",
-                "time from the drop until F_net < 5 mN [s]",
-                "F_net in the end [N]",
+                "time from the release until F_net < 5 mN [s]",
+                "final F_net [N]",
             ],
             rows,
         ),
-        "jumps": table_of(["way", "u [N]", "F_net before [N]", "F_net after [N]"], jumps),
+        "jumps": table_of(["path", "u [N]", "F_net before [N]", "F_net after [N]"], jumps),
     }
 
 
@@ -278,8 +283,8 @@ def _settled(trace: dict[str, Any]) -> str:
     held = sum(force > 0 for force in trace["target"])
     late = np.array(trace["true"][held - held // 4 : held])
     if trace["ripple"] < 0.01:
-        return "rests off target"
-    return "still on its way" if (np.diff(late) >= 0).all() else f"swings by {trace['ripple']:.2f} N"
+        return "steady-state error"
+    return "not settled" if (np.diff(late) >= 0).all() else f"oscillates by {trace['ripple']:.2f} N"
 
 
 def _percent(trace: dict[str, Any]) -> str:
@@ -287,7 +292,7 @@ def _percent(trace: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Simulate unless told to draw only, and write pictures and page."""
+    """Simulate, unless `--draw` is given; write figures and page."""
     if "--draw" not in sys.argv[1:]:
         RESULT.write_text(json.dumps(measure()) + "\n")
     found = load()

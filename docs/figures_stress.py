@@ -1,4 +1,4 @@
-"""The picture and tables of docs/stress.md, from docs/results/stress*.json; the numbers, each a `--json`:
+"""Figure and tables of docs/stress.md, from docs/results/stress*.json; the numbers, each a `--json`:
 
 stress.json          exosight stress --gains --model src/exosight/models/light.onnx
 stress_true.json     exosight stress --gains
@@ -29,16 +29,16 @@ def load() -> dict[str, Any]:
 def tables(found: dict[str, Any]) -> dict[str, str]:
     """The page's tables, by name."""
     causes = found["stress"]["controllers"]["guarded"]["transitions"]
-    return {name: shown(stress_table(told)) for name, told in found.items()} | {
+    return {name: shown(stress_table(result)) for name, result in found.items()} | {
         "causes": table_of(
-            ["state that is entered, and why", "times"],
+            ["state entered, and cause", "count"],
             [[cause, str(count)] for cause, count in causes.items()],
         )
     }
 
 
 def picture(found: dict[str, Any]) -> Figure:
-    """Where the episodes lie, the guarded controller's and the paper's law's."""
+    """Distributions over the episodes, guarded controller and the paper's law."""
     runs = {
         "guarded, image": found["stress"]["controllers"]["guarded"],
         "guarded, true force": found["stress_true"]["controllers"]["guarded"],
@@ -48,7 +48,7 @@ def picture(found: dict[str, Any]) -> Figure:
 
 
 def main() -> None:
-    """Draw the picture and fill in the page."""
+    """Draw the figure and fill in the page."""
     found = load()
     save(picture(found), IMAGE)
     fill(PAGE, tables(found))

@@ -1,6 +1,6 @@
-"""The pictures and tables of docs/validation.md, from the numbers in docs/results.
+"""Figures and tables of docs/validation.md, from the numbers in docs/results.
 
-`make figures` measures convergence anew and then runs this; `make compare` times the neighbours first.
+`make figures` computes convergence anew and then runs this; `make compare` times the other programs first.
 """
 
 import json
@@ -41,13 +41,13 @@ LOOKS = {"exosight": (BLUE, "o"), "PyElastica": (VERMILION, "s"), "SoRoMoX": (GR
 SOROSIM = {
     "cantilever[sorosim_cantilever_nodal": "cantilever, nodal quadratic",
     "cantilever[sorosim_cantilever_legendre": "cantilever, Legendre",
-    "tapered_rod": "tapered rod, line on its surface",
+    "tapered_rod": "tapered rod, actuation line on its surface",
     "spatial_cantilever": "six strains, dead and follower wrench",
     "hinged_chain": "hinged chain",
     "contact": "rod on a chain, contact",
     "released_cantilever": "released cantilever, 1 s",
 }
-"""What the name of a test begins with, and what it is on the page."""
+"""Prefix of a test's name, and its label on the page."""
 
 
 def load() -> dict[str, Any]:
@@ -57,7 +57,7 @@ def load() -> dict[str, Any]:
 
 @styled
 def convergence(found: dict[str, Any]) -> Figure:
-    """Error against basis and steps, Newton's residuals, and steps an equilibrium."""
+    """Error against basis and steps, Newton's residuals, and iterations per equilibrium."""
     figure = new_figure(height=5.0)
     (basis, steps), (newton, histogram) = figure.subplots(2, 2)
     looks = zip((BLUE, VERMILION, GREEN, BLACK), "os^D", strict=True)
@@ -75,7 +75,7 @@ def convergence(found: dict[str, Any]) -> Figure:
     steps.set(
         xlabel="Magnus steps [-]",
         ylabel="error of the tip / length [-]",
-        title="Steps, which are the quadrature",
+        title="Magnus steps between quadrature points",
     )
     steps.set_xticks([6, 12, 24, 48, 96, 192], ["6", "12", "24", "48", "96", "192"])
     looks = zip((BLUE, VERMILION), "os", strict=True)
@@ -100,7 +100,7 @@ def _histogram(ax: Axes, found: dict[str, Any], most: int = 16) -> None:
     ax.axvline(found["median"], color=VERMILION, label=f"median {found['median']:.0f}")
     ax.axvline(found["mean"], color=BLACK, linestyle="--", label=f"mean {found['mean']:.1f}")
     ax.set(
-        xlabel="Newton iterations an equilibrium [-]",
+        xlabel="Newton iterations per equilibrium [-]",
         ylabel="share of equilibria [%]",
         title="The paper's path 0 → 4 → 0 N",
     )
@@ -110,7 +110,7 @@ def _histogram(ax: Axes, found: dict[str, Any], most: int = 16) -> None:
 
 @styled
 def neighbours(rows: Sequence[dict[str, Any]]) -> Figure:
-    """Error against time, one panel a problem: further down and left is better."""
+    """Error against time, one panel per problem: lower and further left is better."""
     figure = new_figure(height=4.6)
     panels = figure.subplots(2, 3)
     lines = {}
@@ -138,8 +138,8 @@ def neighbours(rows: Sequence[dict[str, Any]]) -> Figure:
         0.0,
         0.75,
         "Each point is one setting of one program:\nelements, tolerance or step, see the table.\n"
-        "Further down and left is better.\n\nMotions: the reference is SoRoMoX\nwith a finer step.\n\n"
-        "Open square: the sphere off the middle\nof an element.",
+        "Lower and further left is better.\n\nMotions: the reference is SoRoMoX\nwith a finer step.\n\n"
+        "Open square: sphere off the middle\nof an element.",
         va="top",
         transform=panels[1, 2].transAxes,
     )
@@ -164,8 +164,8 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                 )
             ],
         ),
-        "processor": table_of(["of the two datasets", ""], _processor(found["processor"])),
-        "sorosim": table_of(["case", "allowed", "found"], _sorosim(found["sorosim"])),
+        "processor": table_of(["comparison of the two datasets", ""], _processor(found["processor"])),
+        "sorosim": table_of(["case", "tolerance", "largest difference"], _sorosim(found["sorosim"])),
         "basis": table_of(
             ["basis", "coordinates", "error of the tip / length", "order in the elements"],
             [
@@ -174,7 +174,7 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
             ],
         ),
         "steps": table_of(
-            ["tip of", "steps", "error / length", "order"],
+            ["case", "steps", "tip error / length", "order"],
             [
                 [name, _list(line["steps"]), _powers(line["error"]), _orders(line, "steps")]
                 for name, line in lines["steps"].items()
@@ -235,29 +235,29 @@ def _sorosim(rows: Sequence[dict[str, Any]]) -> list[list[str]]:
 
 
 def _processor(found: dict[str, Any]) -> list[list[str]]:
-    """The comparison as benchmarks/processor.py wrote it; of the frames, how many each keeps."""
+    """The comparison written by benchmarks/processor.py, with the frames that each dataset keeps."""
     kept = " and ".join(str(frames) for frames in found["frames"])
-    same = "the same" if found["same shape, u and direction"] else "others"
+    same = "the same" if found["same shape, u and direction"] else "different"
     return [
         ["frames kept", f"{kept}: {same}"],
-        ["pictures that differ", str(found["pictures that differ"])],
+        ["images that differ", str(found["pictures that differ"])],
         ["largest difference of a force [N]", _power(found["largest difference of a force [N]"])],
         ["largest difference of a coordinate [-]", _power(found["largest difference of a coordinate"])],
-        ["files of the same checksum", f"{found['chunks of the same checksum']} of {found['chunks']}"],
-        ["the same identity", "yes" if found["same identity"] else "no"],
+        ["files with the same checksum", f"{found['chunks of the same checksum']} of {found['chunks']}"],
+        ["same identity", "yes" if found["same identity"] else "no"],
     ]
 
 
 def _iterations(found: dict[str, Any]) -> str:
     return (
         f"{found['shapes']} shapes of all eleven scenarios × {found['loads']} loads: median "
-        f"{found['median']:.0f}, mean {found['mean']:.1f} iterations an equilibrium, "
+        f"{found['median']:.0f}, mean {found['mean']:.1f} iterations per equilibrium, "
         f"{100 * found['converged']:.3g} % converged."
     )
 
 
 def main() -> None:
-    """Draw and write everything anew."""
+    """Draw the figures and fill in the page."""
     found = load()
     figures = {
         "validation_convergence": convergence(found["convergence"]),

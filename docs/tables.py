@@ -15,13 +15,13 @@ HERE = Path(__file__).parent
 BENCH = HERE / "results" / "bench.json"
 
 TITLES = {
-    "equilibria": "Equilibria of the worn exosuit",
-    "renderer": "Pictures",
-    "dataset": "The paper's dataset, whole",
-    "estimate": "One reading of the shipped network, one thread",
-    "control_step": "One step of the loop in real time",
+    "equilibria": "Equilibria of the exosuit on a finger",
+    "renderer": "Rendering",
+    "dataset": "A dataset of the paper's size",
+    "estimate": "Inference of the shipped network, one thread",
+    "control_step": "One step of the real-time loop",
     "environment": "The Gymnasium environment",
-    "lab": "The lab, from a slider's event to the painted answer",
+    "lab": "The lab: time from slider event to displayed result",
 }
 UNITS = {
     **bench.UNITS,
@@ -32,9 +32,9 @@ UNITS = {
 
 
 def bench_tables(found: dict[str, Any] | None) -> str:
-    """What was measured, a table a benchmark; None: nothing was, in this version."""
+    """One table per benchmark; None: no results for this version."""
     if found is None:
-        return "Nothing has been measured in this version yet: `make bench`, on an idle machine.\n"
+        return "No results for this version yet; run `make bench` on an idle machine.\n"
     lines = [f"Load average before the run: {found['load_before']} on {found['cores']} cores.", ""]
     for name, title in TITLES.items():
         if name not in found:

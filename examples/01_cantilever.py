@@ -1,13 +1,13 @@
-"""A cantilever bent by a dead force at its tip, against the elastica.
+"""A cantilever bent by a dead force at its tip, compared with the elastica.
 
-A straight rod is clamped at its base and carries a transverse force P at its tip, which keeps its direction
-while the rod bends. For a rod that can neither stretch nor shear the shape is known exactly through elliptic
+A straight rod is clamped at its base and loaded by a transverse force P of constant direction at its
+tip. For an inextensible, unshearable rod the shape is given exactly by elliptic
 integrals and depends on P L²/EI alone (K. E. Bisshopp and D. C. Drucker, Large deflection of cantilever
 beams, Quarterly of Applied Mathematics 3, 1945). Here the rod is silicone, 30 cm long and 2 cm thick, with
-its curvature on four quadratic elements: nine coordinates.
+its curvature on four quadratic elements (nine coordinates).
 
-The figure shows the rod's shapes for P L²/EI = 0…10, and the position of its tip over the load, on top of
-the exact solution. The number is the tip's deflection over the length at P L²/EI = 10; the exact one is
+The figure shows the rod's shapes for P L²/EI = 0…10, and the position of its tip over the load, with the
+exact solution. The printed number is the tip's deflection over the length at P L²/EI = 10; the exact value is
 0.810609.
 """
 

@@ -1,14 +1,14 @@
-"""One exosuit's loading path: how pressure in a tapered rod becomes force on a finger.
+"""Loading path of one exosuit: contact forces on the finger over the actuation.
 
 The exosuit of the publication's controller, a silicone rod of 9.5 cm that tapers from a radius of 1 cm to
 0.5 cm (Learning User Interaction Forces using Vision for a Soft Finger Exosuit), is clamped above the base of
-a finger with three joints. The actuation u pushes along its upper surface, so that it curls onto the finger
+a finger with three joints. The actuation u pushes along its upper surface, so that it bends onto the finger
 and flexes it. u rises from 0 to 4 N and falls back to 0, in steps of 0.05 N; each stable equilibrium is the
-start of the next.
+initial value of the next.
 
-The figure shows poses on the way up, the forces on the finger's spheres C1…C7 (circles), and F_net, their
-sum. Near 2.8 N the exosuit snaps from one stable pose to another and F_net jumps; on the way back it does so
-near 2.3 N: hysteresis without friction. The number is F_net at 4 N, in newtons.
+The figure shows poses with u rising, the forces on the finger's spheres C1…C7 (circles), and F_net, their
+sum. Near 2.8 N the exosuit snaps from one stable pose to another and F_net jumps; with u falling it does so
+near 2.3 N: hysteresis without friction. The printed number is F_net at 4 N, in newtons.
 """
 
 from pathlib import Path
@@ -25,7 +25,7 @@ from exosight.mechanics import drive, stack
 
 BLUE, ORANGE, BLACK = "#0072B2", "#E69F00", "#000000"
 CONTACT_COLOURS = ["#000000", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#E69F00"]
-"""C1…C7, in colours that readers of every kind of colour vision tell apart."""
+"""Colours of C1…C7, colour-blind safe."""
 CM = 100.0
 
 
@@ -78,7 +78,7 @@ def main(folder: Path = Path("results/02_exosuit_path")) -> float:
     net.plot(up, pose.net_force[: len(up)], color=BLUE, linewidth=2.5, label="u rising")
     net.plot(u[len(up) - 1 :], pose.net_force[len(up) - 1 :], color=ORANGE, linewidth=1.2, label="u falling")
     net.set(xlabel="actuation u [N]", ylabel="force on the finger F_net [N]")
-    net.set_title("F_net, their sum, up and down again", fontsize=9)
+    net.set_title("F_net, their sum, u rising and falling", fontsize=9)
     net.legend(frameon=False, fontsize=8)
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "exosuit_path.png", dpi=200)

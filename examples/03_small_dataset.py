@@ -1,14 +1,14 @@
-"""A small dataset: what is simulated, what is left out, and what a network gets to see.
+"""A small dataset: simulated frames, dropped frames, images and labels.
 
 One exosuit of each of the publication's eleven scenarios (Learning User Interaction Forces using Vision for
-a Soft Finger Exosuit) is driven from 0 to 4 N and back, fifty frames each. Every frame is an image with its
-seven true forces. The frames go to disk once, with a manifest that says how they were made, and are read
-back from there.
+a Soft Finger Exosuit) is actuated from 0 to 4 N and back, fifty frames each. Every frame is an image with its
+seven true forces. The frames are written to disk, with a manifest that contains the configuration, and read
+back.
 
-The figure shows, for each exosuit, the frame in which it presses hardest, with the forces on C1…C7 below, and
-how many frames were kept. Thin exosuits roll up like a fern under 4 N; where the rod would pass through
-itself, which the model does not prevent, the frame is left out. The number is the share of frames kept, in
-percent. (The publication keeps 95 % of its frames; it does not say that it looks for such crossings.)
+The figure shows, for each exosuit, the frame with the largest F_net, with the forces on C1…C7 below, and
+the number of frames kept. Thin exosuits roll up under 4 N; frames in which the rod crosses
+itself, which the model does not prevent, are dropped. The printed number is the share of frames kept, in
+percent. (The publication keeps 95 % of its frames; it does not mention a test for such crossings.)
 """
 
 from pathlib import Path
@@ -28,14 +28,13 @@ NAMES = [scenario.name.replace("_", " ") for scenario in SCENARIOS]
 
 def show_frame(image_panel: Axes, force_panel: Axes, frames: Frames, scenario: int) -> None:
     own = np.flatnonzero(frames.scenario == scenario)
-    best = own[np.argmax(frames.forces[own].sum(axis=1))]
+    best = own[np.argmax(frames.reading("F_net")[own])]
     image_panel.imshow(frames.images[best], cmap="gray", vmin=0, vmax=255)
     image_panel.set_axis_off()
-    image_panel.set_title(f"{NAMES[scenario]}, u = {frames.u[best]:.1f} N", fontsize=8)
-    force_panel.bar(np.arange(1, 8), frames.forces[best], color=BLUE)
-    force_panel.set(ylim=(0, 1.05 * frames.forces.max()), xticks=range(1, 8))
-    force_panel.set_xticklabels([f"C{i}" for i in range(1, 8)], fontsize=6)
-    force_panel.tick_params(axis="y", labelsize=6)
+    image_panel.set_title(f"{NAMES[scenario]}, u = {frames.commands[best, 0]:.1f} N", fontsize=8)
+    force_panel.bar(frames.schema.outputs, frames.labels[best], color=BLUE)
+    force_panel.set_ylim(0, 1.05 * frames.labels.max())
+    force_panel.tick_params(labelsize=6)
     force_panel.spines[["top", "right"]].set_visible(False)
     if scenario % 4 == 0:
         force_panel.set_ylabel("force [N]", fontsize=7)
@@ -66,7 +65,7 @@ def main(folder: Path = Path("results/03_small_dataset")) -> float:
     counts.invert_yaxis()
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "small_dataset.png", dpi=200)
-    return 100 * len(frames) / (FRAMES * len(manifest.shapes))
+    return 100 * len(frames) / (FRAMES * len(manifest.designs))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,13 @@
-"""A soft cantilever released level, falling and swinging under its own weight, against SoRoSim.
+"""Motion of a horizontal soft cantilever released under its own weight, compared with SoRoSim.
 
-A silicone-like rod (E = 1 MPa, 1000 kg/m³), 30 cm long and 2 cm thick, is clamped level without weight; at
-t = 0 its weight begins to act. The material is viscous (10 kPa s in shear, so 30 kPa s in extension). Bending
+A silicone-like rod (E = 1 MPa, 1000 kg/m³), 30 cm long and 2 cm thick, is clamped horizontally; at
+t = 0 gravity is applied. The material is viscous (10 kPa s in shear, so 30 kPa s in extension). Bending
 and extension on Legendre polynomials of degree 5: twelve coordinates. A second of motion takes some fifty
-steps; the figure asks for a hundred.
+steps; the figure uses a hundred output times.
 
-The figure shows the rod every 50 ms, its tip over time on top of what the MATLAB toolbox SoRoSim finds on the
-same discretisation, and where the energy goes. The number is how far the tip has fallen after 1 s, in metres;
-SoRoSim says 0.252556.
+The figure shows the rod every 50 ms, its tip over time with the solution of the MATLAB toolbox SoRoSim on the
+same discretisation, and the energy balance. The printed number is the downward displacement of the tip after
+1 s, in metres; SoRoSim gives 0.252556.
 """
 
 import json
@@ -49,7 +49,7 @@ def main(folder: Path = Path("results/05_released_cantilever")) -> float:
     time = np.linspace(0.0, 1.0, 101)
     found = evolve([robot], time)
     tips = positions(robot, found.q[0])[:, -1]
-    shapes = positions(cantilever(Gauss(1, 30)), found.q[0, :41:5])  # more points, to draw it smooth
+    shapes = positions(cantilever(Gauss(1, 30)), found.q[0, :41:5])  # more points, for a smooth curve
 
     figure = Figure(figsize=(7.0, 4.6), layout="constrained")
     swing, over_time, energy = figure.subplot_mosaic([["swing", "tip"], ["swing", "energy"]]).values()

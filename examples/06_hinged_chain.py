@@ -1,12 +1,12 @@
-"""A chain of four hinged links let go from level: chaotic, and exact to the tolerance asked for.
+"""A chain of four hinged links released from horizontal: chaotic motion at a given tolerance.
 
-Four slender links of 10 cm and 50 g each hang on hinges without friction; held level and let go, the chain
-falls, swings through and whips. Nothing takes energy from it, so the energy that the computation loses is its
-error. The same motion is computed at two tolerances.
+Four slender links of 10 cm and 50 g each are connected by hinges without friction; the chain is released from
+horizontal. The system is conservative, so the change of the computed energy is an error.
+The same motion is computed at two tolerances.
 
-The figure shows the chain every 50 ms of its first swing, the path of its end, and how the sum of kinetic and
-potential energy strays from zero at both tolerances. The number is the speed of the chain's end, in m/s, at
-0.35 s, on its way up.
+The figure shows the chain every 50 ms of its first swing, the path of its end, and the deviation of the sum
+of kinetic and potential energy from zero at both tolerances. The printed number is the speed of the chain's
+end, in m/s, at 0.35 s, while it rises.
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ CM = 100.0
 
 
 def chain() -> Robot:
-    """Each link carries its mass at its middle, and nothing at its end."""
+    """Each link has its mass at its middle, and none at its end."""
     sites = np.array([[LENGTH / 2, 0.0, 0.0], [LENGTH, 0.0, 0.0]])
     slender = MASS * LENGTH**2 / 12 * np.diag([0.0, 1.0, 1.0])
     links = [
@@ -65,7 +65,7 @@ def main(folder: Path = Path("results/06_hinged_chain")) -> float:
 
     for found, tolerance, color in ((coarse, "1 µm", ORANGE), (fine, "1 nm", BLUE)):
         lost = np.abs(found.kinetic[0] + found.potential[0])[1:]
-        label = f"{tolerance} a step, {found.steps[0, -1]} steps"
+        label = f"{tolerance} per step, {found.steps[0, -1]} steps"
         energy.semilogy(time[1:], 1000 * lost, color=color, label=label)
     energy.semilogy(time[1:], 1000 * fine.kinetic[0, 1:], color=GRAY, label="kinetic energy")
     energy.set(xlabel="time [s]", ylabel="energy, and its error [mJ]", ylim=(1e-12, 1e4))

@@ -2,20 +2,21 @@
 Your own exosuit
 ================
 
-Another shape, another material, another length: how it presses, and what of it the camera tells.
+Another shape, material and length: contact forces, camera images, and estimates of the shipped network.
 """
 
 # %%
-# From the five families
-# ----------------------
+# Shapes of the five families
+# ---------------------------
 #
-# A shape is a surface S(X), the radius along the rod, and a length. Every family checks its parameters
-# against the paper's Table II.
+# A shape is a surface S(X), the radius along the rod, and a length. Parameters are validated against the
+# ranges of the paper's Table II.
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 from exosight.exosuit.shapes import ExosuitShape, Linear, Sine, Surface, radius
 from exosight.exosuit.simulation import simulate
 
@@ -31,7 +32,7 @@ except ValueError as error:
 # ---------------------
 #
 # A class with a ``profile`` that returns S and dS/dX in metres. This one is thin over the middle joint of
-# the finger, where it should bend. Radii are clipped to 4…10 mm, as all are.
+# the finger, where it should bend. All radii are clipped to 4…10 mm.
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -55,11 +56,11 @@ class Waist(Surface):
 waist = ExosuitShape(Waist(), length=0.095)
 
 # %%
-# How each presses
-# ----------------
+# Contact forces
+# --------------
 #
-# F_net over u on the way up. A kink is a contact that closes or opens; a jump is a snap into another stable
-# pose.
+# F_net over rising u. A kink is a contact that closes or opens; a jump is a snap to another stable
+# equilibrium.
 
 SHAPES = {"taper": taper, "waves": waves, "waist": waist}
 LOADS = np.arange(0.0, 4.01, 0.2)
@@ -81,15 +82,13 @@ for name, path in found.items():
     print(f"{name}: F_net at 4 N = {float(path.pose.net_force[-1]):.3f} N, largest residual {worst:.0e}")
 
 # %%
-# What the camera sees
-# --------------------
+# Camera images
+# -------------
 
 from exosight.evaluation.figures import pose_strip
-from exosight.vision import Camera
 from exosight.vision.scene import picture
 
-camera = Camera()
-images = np.stack([picture(Exosuit(SHAPES[name]), found[name].pose, camera)[15] for name in SHAPES])
+images = np.stack([picture(published(SHAPES[name]), found[name].pose.axes)[15] for name in SHAPES])
 seen = pose_strip(images, [f"{name}, u = {LOADS[15]:.0f} N" for name in SHAPES])
 
 # %%
@@ -97,19 +96,19 @@ seen = pose_strip(images, [f"{name}, u = {LOADS[15]:.0f} N" for name in SHAPES])
 # ----------------------------
 #
 # Young's modulus is a field of the exosuit. Twice the modulus is not half the force: the pose differs too.
-# u *and* every stiffness (finger and contact included) times two would be exactly twice the force in the
-# same pose.
+# Doubling u *and* every stiffness (finger and contact included) gives exactly twice the force in the same
+# pose.
 
 for young in (200e3, 300e3, 600e3):
     at = simulate(Exosuit(taper, young=young), [2.4])
     print(f"E = {young / 1000:.0f} kPa: F_net at 2.4 N = {float(at.pose.net_force[0]):.3f} N")
 
 # %%
-# Can the shipped network read it?
+# Estimates of the shipped network
 # --------------------------------
 #
-# It was trained on the five families, and a waist as deep as this one is none of them. The OOD score
-# says whether to believe it: above 1, do not. Here it may be believed.
+# It was trained on the five families, which do not include this waist. The OOD score
+# indicates whether the estimate is reliable: above 1 it is not. Here it is below 1.
 
 from exosight.control import OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL
@@ -118,9 +117,9 @@ network = OnnxEstimator.load(DEFAULT_MODEL)
 reading = network.read(images)
 for i, name in enumerate(SHAPES):
     true = float(found[name].pose.net_force[15])
-    said, ood_score = reading.forces[i].sum(), reading.ood_score[i]
-    print(f"{name}: true {true:.3f} N, estimated {said:.3f} N, OOD score {ood_score:.2f}")
+    estimate, ood_score = reading.forces[i].sum(), reading.ood_score[i]
+    print(f"{name}: true {true:.3f} N, estimated {estimate:.3f} N, OOD score {ood_score:.2f}")
 
 # %%
 # On the command line, for the five families: ``exosight simulate --family sine --r0 0.007 --a -9 --length
-# 0.095 --u 2.4``. To make a family of your own part of datasets: :doc:`/extending`.
+# 0.095 --u 2.4``. To add a family to datasets: :doc:`/extending`.

@@ -2,16 +2,16 @@
 Your own finger
 ===============
 
-Another hand: sizes and joint stiffness of the finger under the exosuit, how much they matter for the forces,
-and whether a network that has never seen such a finger notices.
+Size and joint stiffness of the finger, their effect on the forces, and estimates of a network that was not
+trained on such a finger.
 """
 
 # %%
-# A finger is a few numbers
-# -------------------------
+# Parameters of the finger
+# ------------------------
 #
-# Lengths of three phalanges and a fingertip, radii where they meet, springs and ranges of three hinges.
-# This one is a tenth smaller than the published one and half as stiff.
+# Lengths of three phalanges and a fingertip, radii at their ends, springs and ranges of three hinges.
+# One variant is a tenth smaller than the published finger, the other half as stiff.
 
 from dataclasses import replace
 
@@ -20,22 +20,23 @@ import numpy as np
 from exosight.control import CONTROL_SHAPE
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.finger import Finger
+from exosight.exosuit.published import published
 from exosight.exosuit.simulation import simulate
 
-published = Finger()
+nominal = Finger()
 small = replace(
-    published,
-    lengths=tuple(0.9 * length for length in published.lengths),
-    radii=tuple(0.9 * radius for radius in published.radii),
+    nominal,
+    lengths=tuple(0.9 * length for length in nominal.lengths),
+    radii=tuple(0.9 * radius for radius in nominal.radii),
 )
-supple = replace(published, joint_stiffness=tuple(0.5 * k for k in published.joint_stiffness))
-FINGERS = {"published": published, "10 % smaller": small, "half as stiff": supple}
+supple = replace(nominal, joint_stiffness=tuple(0.5 * k for k in nominal.joint_stiffness))
+FINGERS = {"published": nominal, "10 % smaller": small, "half as stiff": supple}
 
 # %%
-# The same exosuit on each
-# ------------------------
+# The same exosuit on each finger
+# -------------------------------
 #
-# Joint angles are flexion, from base to tip. The finger is passive: what it does not resist, bends.
+# Joint angles are flexion, from base to tip. The finger is passive: joints deflect against their springs.
 
 LOAD = 2.4  # [N]
 poses = {
@@ -48,25 +49,24 @@ for name, pose in poses.items():
 
 # %%
 from exosight.evaluation.figures import pose_strip
-from exosight.vision import Camera
 from exosight.vision.scene import picture
 
 images = np.concatenate(
     [
-        picture(Exosuit(CONTROL_SHAPE, finger=finger), poses[name], Camera())
+        picture(published(Exosuit(CONTROL_SHAPE, finger=finger)), poses[name].axes)
         for name, finger in FINGERS.items()
     ]
 )
 seen = pose_strip(images, list(FINGERS))
 
 # %%
-# Does a network notice?
-# ----------------------
+# Estimates of the shipped network
+# --------------------------------
 #
-# The shipped network has learned from the published finger alone. A finger of half the stiffness looks
-# possible to it, and it answers the force that the published finger would have needed for that pose: about
-# twice too much. The OOD score does not warn, because nothing in the picture is odd. **No
-# silhouette shows a stiffness**: whoever needs newtons has to measure one (:doc:`/identifiability`).
+# The shipped network was trained on the published finger only. Images of a finger of half the stiffness are
+# plausible, and the estimate is the force that the published finger would need for that pose: about
+# twice the true force. The OOD score stays below 1, because the image is not unusual. **No
+# silhouette determines a stiffness**: forces in newtons require a measured one (:doc:`/identifiability`).
 
 from exosight.control import OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL
@@ -82,9 +82,9 @@ for i, (name, pose) in enumerate(poses.items()):
 # Datasets in which the finger varies
 # -----------------------------------
 #
-# So that a network learns to be unsure, let it see fingers that differ: ``exosight generate`` takes
-# ``--plant.link-length 0.9 1.1 --plant.joint-stiffness 0.5 2`` and the like, and keeps what was drawn with
-# every frame. In Python it is one draw a shape:
+# Training on varying fingers gives wider prediction intervals: ``exosight generate`` takes
+# ``--plant.link-length 0.9 1.1 --plant.joint-stiffness 0.5 2`` and similar options, and stores the drawn
+# parameters with every frame. In Python it is one draw per shape:
 
 from exosight.exosuit.assembly import varied
 from exosight.exosuit.variation import PlantVariation, draw_variant
@@ -97,6 +97,5 @@ worn = varied(Exosuit(CONTROL_SHAPE), drawn)
 print(f"F_net at {LOAD} N: {float(simulate(worn, [LOAD]).pose.net_force[0]):.3f} N")
 
 # %%
-# A finger that has been measured is better learned than doubted: ``exosight generate --seed 7`` with its
-# numbers, then ``exosight train --pretrained shipped --epochs 4`` takes the shipped network there in minutes
-# (:doc:`/accuracy`).
+# If the finger has been measured, fine-tune the network instead: ``exosight generate --seed 7`` with its
+# parameters, then ``exosight train --pretrained shipped --epochs 4``, which takes minutes (:doc:`/accuracy`).

@@ -1,4 +1,4 @@
-"""Rigid motions: the groups SO(3) and SE(3) in the form that rods and joints need.
+"""Rigid motions: the groups SO(3) and SE(3) as used by rods and joints.
 
 Twists are ordered [angular; linear], wrenches [moment; force]; a pose is a 4×4 matrix
 g = [R p; 0 1] that maps local to world coordinates. Every function takes leading batch
@@ -33,7 +33,7 @@ def _coefficients(omega: Float[AnyArray, "*batch 3"]) -> tuple[Array, Array, Arr
     """sinθ/θ, (1−cosθ)/θ², (θ−sinθ)/θ³, (θ²+2cosθ−2)/2θ⁴, (2θ−3sinθ+θcosθ)/2θ⁵ with θ = |omega|."""
     x = jnp.sum(omega * omega, axis=-1)
     small = x < 1.0
-    # The branch not taken is evaluated at a harmless angle, so that its derivatives stay finite.
+    # The unused branch is evaluated at a regular angle, so that its derivatives stay finite.
     near, far = jnp.where(small, x, 0.0), jnp.where(small, 1.0, x)
     theta = jnp.sqrt(far)
     sin, cos = jnp.sin(theta), jnp.cos(theta)
@@ -78,12 +78,12 @@ def pose(
 
 
 def translation(position: Float[AnyArray, "*batch 3"]) -> Float[Array, "*batch 4 4"]:
-    """The pose that only shifts, by `position` [m]."""
+    """The pose of a pure translation by `position` [m]."""
     return pose(jnp.broadcast_to(jnp.eye(3), (*position.shape[:-1], 3, 3)), position)
 
 
 def inverse(g: Float[AnyArray, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
-    """The pose of the world as seen from the frame g."""
+    """The inverse pose: the world in coordinates of the frame g."""
     back = jnp.swapaxes(g[..., :3, :3], -1, -2)
     return pose(back, -jnp.einsum("...ij,...j->...i", back, g[..., :3, 3]))
 
@@ -104,12 +104,12 @@ def log(g: Float[AnyArray, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
     """The twist whose `exp` is the pose, with a rotation of at most π: the inverse of `exp` up to there.
 
     First and second derivatives along poses are finite and exact, at the identity too. At half a turn the
-    axis may point either way, so there the twist jumps from ω to −ω.
+    sign of the axis is ambiguous, so there the twist jumps from ω to −ω.
     """
     w, v = _quaternion(g[..., :3, :3])
     x = jnp.sum(v * v, axis=-1)
     small = x < 0.03
-    # As above: the branch not taken is evaluated where its derivatives are finite.
+    # As above: the unused branch is evaluated where its derivatives are finite.
     norm = jnp.sqrt(jnp.where(small, 1.0, x))
     far = jnp.arctan2(norm, jnp.where(small, 1.0, w)) / norm
     half = jnp.where(small, _polynomial(_ARCSINE, jnp.where(small, x, 0.0)), far)  # (θ/2)/sin(θ/2)
@@ -124,7 +124,7 @@ def log(g: Float[AnyArray, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
 
 
 def _quaternion(rotation: Float[AnyArray, "*batch 3 3"]) -> tuple[Array, Array]:
-    """cos θ/2 ≥ 0 and sin θ/2 · axis; from the largest of the four, as the others would be divided by zero.
+    """cos θ/2 ≥ 0 and sin θ/2 · axis; from the largest of the four, to avoid division by zero.
 
     Source: Shepperd, Quaternion from rotation matrix, 1978.
     """
@@ -191,7 +191,7 @@ def adjoint_on(
 def coadjoint_on(
     g: Float[AnyArray, "*batch 4 4"], wrench: Float[AnyArray, "*batch 6"]
 ) -> Float[Array, "*batch 6"]:
-    """Ad(g)ᵀ times a wrench: the same wrench, seen from the frame g."""
+    """Ad(g)ᵀ times a wrench: the same wrench in coordinates of the frame g."""
     rotation, position, force = g[..., :3, :3], g[..., :3, 3], wrench[..., 3:]
     moment = wrench[..., :3] - jnp.cross(position, force)
     both = jnp.stack([moment, force], axis=-2) @ rotation  # rows times R: Rᵀ times each

@@ -11,6 +11,7 @@ from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.control.tuning import tune
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 from exosight.vision import Camera, resized
 
 
@@ -82,13 +83,13 @@ def test_a_path_that_is_none_is_refused():
 
 @pytest.fixture(scope="module")
 def config() -> ControllerConfig:
-    return tune(Exosuit(CONTROL_SHAPE))
+    return tune(published(Exosuit(CONTROL_SHAPE)))
 
 
 def test_the_shipped_network_reads_its_own_exosuit_to_the_forces_of_the_simulation(config):
     network = OnnxEstimator.load(DEFAULT_MODEL)
-    own = calibrate_estimator(network, Exosuit(CONTROL_SHAPE), config, Camera())
-    paths = np.concatenate([config.loading.forces, config.unloading.forces[1:]])
+    own = calibrate_estimator(network, published(Exosuit(CONTROL_SHAPE)), config)
+    paths = np.concatenate([config.loading.outputs, config.unloading.outputs[1:]])
     # Both paths were solved from rest over the same loads, but for how the solver was restarted.
     np.testing.assert_allclose(own.true, paths, atol=1e-6)
     jumps = config.loading.snapped.sum() + config.unloading.snapped.sum()
@@ -101,7 +102,6 @@ def test_the_shipped_network_reads_its_own_exosuit_to_the_forces_of_the_simulati
 
 
 def test_a_camera_of_another_size_is_refused(config):
-    with pytest.raises(InputError, match="128"):
-        calibrate_estimator(
-            OnnxEstimator.load(DEFAULT_MODEL), Exosuit(CONTROL_SHAPE), config, resized(Camera(), 48, 32)
-        )
+    small = published(Exosuit(CONTROL_SHAPE), resized(Camera(), 48, 32))
+    with pytest.raises(InputError, match="camera camera: expected width 48, got 128"):
+        calibrate_estimator(OnnxEstimator.load(DEFAULT_MODEL), small, config)

@@ -6,14 +6,15 @@ from typing import Any
 import numpy as np
 import pytest
 from cards import made_up
+from toy import SCHEMA
 
 from exosight.control import OnnxEstimator, from_image
 from exosight.control.frame_history import FrameHistory
 from exosight.errors import InputError
 from exosight.learning.model_inputs import HISTORY_SPACING
-from exosight.learning.samples import stacks
+from exosight.learning.training_data import stacks
 
-CARD = made_up(4, 6, data={HISTORY_SPACING: 0.16}, history=2, actuation=True)
+CARD = made_up(4, 6, schema=SCHEMA, data={HISTORY_SPACING: 0.16}, history=2, actuation=True)
 
 
 def picture(gray: float) -> np.ndarray:
@@ -24,11 +25,11 @@ def grays(history: FrameHistory, steps: list[tuple[float, int]]) -> list[list[in
     """The history, newest first, that is shown beside pictures of these grays under these u [N]."""
     found = []
     for u, gray in steps:
-        inputs = history.inputs(picture(gray), u)
+        inputs = history.inputs(picture(gray), np.array([u]))
         assert inputs.history is not None
         assert inputs.history.shape == (1, 2, 4, 6)
-        assert inputs.u is not None
-        assert inputs.u == pytest.approx([u])
+        assert inputs.commands is not None
+        assert inputs.commands[0] == pytest.approx([u])
         found.append(inputs.history[0, :, 0, 0].tolist())
     return found
 
@@ -51,8 +52,10 @@ def test_resting_does_not_change_the_past_and_short_steps_are_not_remembered() -
 
 
 def test_a_network_of_one_image_is_shown_nothing_beside() -> None:
-    inputs = FrameHistory(replace(CARD, history=0, actuation=False, data={})).inputs(picture(1), 0.3)
-    assert (inputs.history, inputs.u) == (None, None)
+    inputs = FrameHistory(replace(CARD, history=0, actuation=False, data={})).inputs(
+        picture(1), np.array([0.3])
+    )
+    assert (inputs.history, inputs.commands) == (None, None)
 
 
 def test_a_model_that_does_not_tell_how_far_apart_is_refused() -> None:
@@ -68,15 +71,19 @@ class Session:
 
     def run(self, _: list[str], given: dict[str, np.ndarray]) -> list[Any]:
         self.given.append(given)
-        forces = np.zeros((len(given["u"]), 7), np.float32)
+        forces = np.zeros((len(given["commands"]), 7), np.float32)
         gray = 255 * given["image"][:, :, 0, 0]
-        forces[:, 0], forces[:, 1], forces[:, 2] = gray[:, 0], gray[:, 1:].sum(axis=1), given["u"]
+        forces[:, 0], forces[:, 1], forces[:, 2] = (
+            gray[:, 0],
+            gray[:, 1:].sum(axis=1),
+            given["commands"][:, 0],
+        )
         return [forces, np.ones_like(forces), np.ones_like(forces), np.zeros(len(forces), np.float32)]
 
 
 def test_the_loop_shows_a_network_all_that_it_asks_for(toy) -> None:
     plant, session = toy(0.1), Session()
-    measure = from_image(OnnxEstimator(session, CARD))
+    measure = from_image(OnnxEstimator(session, CARD), SCHEMA)
     # Grays are 10 u: 0, 5, 10.
     found = [measure(plant.look(u)) for u in (0.0, 0.5, 1.0)]
     # Single precision of grays in [0, 1].

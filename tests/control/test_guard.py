@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from toy import SLOPE, controller
 
-from exosight.control import ControllerConfig, ForcePath, GuardConfig, Guarded, Measurement, Scheduled, State
+from exosight.control import GuardConfig, Guarded, Measurement, Scheduled, State
 from exosight.control.estimator import Reading
 from exosight.errors import InputError
 
-SLOPE = 0.1  # ∂F/∂u of C3 [N/N]
 TARGET = 0.3  # [N]
 ROUND_OFF = 1e-12  # of sums of numbers up to 5 N
 FORCE_LIMIT = 0.4  # [N]
@@ -20,21 +20,7 @@ FORCE_LIMIT = 0.4  # [N]
 unhurried = settings(deadline=None, max_examples=60)  # a busy machine is no failure
 
 
-def straight(u: np.ndarray) -> ForcePath:
-    forces = np.zeros((len(u), 7))
-    forces[:, 2] = SLOPE * np.maximum(u, 0.0)
-    return ForcePath(u, forces, np.zeros(len(u), bool))
-
-
-CONFIG = ControllerConfig(
-    loading=straight(np.linspace(0.0, 5.0, 51)),
-    unloading=straight(np.linspace(5.0, -1.0, 61)),
-    contact_limit=np.full(7, FORCE_LIMIT),
-    rate=10.0,
-    period=0.1,
-    smallest_gain=5.0,
-    largest_gain=20.0,
-)
+CONFIG = controller(limit=FORCE_LIMIT)
 
 
 def reading(force: float, width: float = 0.01, ood_score: float = 0.3) -> Reading:
@@ -94,13 +80,13 @@ BAD = {
     "black": lambda bench: bench.good(image=np.zeros((4, 6), np.uint8)),
     "blank": lambda bench: bench.good(image=np.full((4, 6), 200, np.uint8)),
     "no estimate": lambda bench: bench.good(reading=None),
-    "no force": lambda bench: bench.good(reading=reading(math.nan)),
-    "that is no force": lambda bench: bench.good(reading=reading(math.inf)),
+    "no reading": lambda bench: bench.good(reading=reading(math.nan)),
+    "that is no reading": lambda bench: bench.good(reading=reading(math.inf)),
     "an estimate that is no": lambda bench: bench.good(reading=reading(-1e30)),
     "out-of-distribution image": lambda bench: bench.good(reading=reading(0.3, ood_score=1.2)),
     "score nan": lambda bench: bench.good(reading=reading(0.3, ood_score=math.nan)),
-    "not where it was told": lambda bench: bench.good(u=bench.u - 0.5),
-    "u = nan": lambda bench: bench.good(u=math.nan),
+    "not where it was told": lambda bench: bench.good(commands=np.array([bench.u - 0.5])),
+    "u = nan": lambda bench: bench.good(commands=np.array([math.nan])),
 }
 
 
@@ -167,10 +153,10 @@ def test_a_frame_that_stays_the_same_at_rest_is_frozen_only_for_a_camera_with_no
 def test_late_pictures_are_compared_with_the_u_under_which_they_were_taken():
     bench, seen = Bench(), []
     for _ in range(30):
-        seen.append(bench.good(u=bench.u))
+        seen.append(bench.good(commands=np.array([bench.u])))
         late = seen[max(0, len(seen) - 4)]
         age = 0.1 * min(len(seen) - 1, 3)
-        bench.step(Measurement(late.image, late.reading, age, late.u))
+        bench.step(Measurement(late.image, late.reading, age, late.commands))
     assert bench.guarded.log == []
     assert bench.u == pytest.approx(TARGET / SLOPE, rel=1e-3)
 
@@ -252,7 +238,7 @@ def measurements(draw) -> Measurement:
         answer = Reading(*rows, np.zeros((1, 7), np.float32), np.array([draw(anything)], np.float32))
     age = draw(st.one_of(st.just(0.0), st.floats(allow_nan=True, allow_infinity=True)))
     u = draw(st.one_of(st.none(), st.floats(allow_nan=True, allow_infinity=True)))
-    return Measurement(image, answer, age, u)
+    return Measurement(image, answer, age, None if u is None else np.array([u]))
 
 
 targets = st.one_of(st.just(TARGET), st.just(0.0), st.floats(allow_nan=False, allow_infinity=False))
@@ -323,5 +309,5 @@ def test_reset_forgets_and_a_target_that_is_no_number_is_refused():
     bench.step(Measurement())
     bench.guarded.reset()
     assert (bench.state, bench.guarded.log, bench.guarded.law.u) == (State.NORMAL, [], 0.0)
-    with pytest.raises(InputError, match="target force"):
+    with pytest.raises(InputError, match="target: expected finite"):
         bench.step(target=math.nan)

@@ -51,7 +51,7 @@ class Plant:
         image[0], image[1, shot % 8] = 200, 50 + shot % 200
         forces = np.zeros(7)
         forces[2] = 0.1 * max(self.asked[-1], 0.0)
-        return Frame(image, self.time.now, self.asked[-1], forces)
+        return Frame(image, self.time.now, np.array([self.asked[-1]]), forces)
 
     def read(self, images: np.ndarray) -> Reading:
         """A perfect network, which takes 10 ms."""
@@ -100,8 +100,8 @@ def keeps_the_rate(plant: Plant, config: ControllerConfig) -> None:
 def test_it_reaches_the_target_and_lets_go(plant: Plant, guarded: Guarded) -> None:
     steps = go(plant, guarded)
     assert len(steps) == 20
-    assert steps[-1].forces is not None
-    assert steps[-1].forces.sum() == pytest.approx(TARGET, rel=0.02)  # the law's own band is 5 %
+    assert steps[-1].true is not None
+    assert steps[-1].true.sum() == pytest.approx(TARGET, rel=0.02)  # the law's own band is 5 %
     assert plant.asked[0] == 0
     assert plant.asked[-1] == 0
     keeps_the_rate(plant, guarded.config)
@@ -132,8 +132,8 @@ def test_lost_time_is_not_caught_up_with(plant: Plant, guarded: Guarded) -> None
 def test_missing_frames_end_in_release(plant: Plant, guarded: Guarded) -> None:
     plant.fails = dict.fromkeys(range(12, 100))
     steps = go(plant, guarded, (TARGET,) * 40)
-    assert steps[11].u == pytest.approx(TARGET / 0.1, rel=0.05)
-    assert steps[-1].u == 0
+    assert steps[11].command == pytest.approx(TARGET / 0.1, rel=0.05)
+    assert steps[-1].command == 0
     assert [step.state for step in steps if step.cause] == [State.HOLD, State.RELEASE]
     assert "no frame" in next(step.cause for step in steps if step.cause)
 
@@ -188,7 +188,7 @@ def test_a_network_without_an_answer_is_no_estimate(plant: Plant, guarded: Guard
     plant.read = lost
     steps = go(plant, guarded)
     assert all(step.measurement.reading is None for step in steps)
-    assert all(step.u == 0 for step in steps)
+    assert all(step.command == 0 for step in steps)
 
 
 def test_a_target_that_is_no_number_is_refused_with_u_at_zero(plant: Plant, guarded: Guarded) -> None:

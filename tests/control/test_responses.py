@@ -1,11 +1,13 @@
 """Measures of a response, on responses with closed forms."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from toy import CHANNEL
 
 from exosight.control import hold, hold_and_release, judge_response
 from exosight.errors import InputError
@@ -14,9 +16,9 @@ STEPS = np.arange(80)
 unhurried = settings(deadline=None)  # a busy machine is no failure
 
 
-def judge(force, target, u=None, **options):
+def judge(force, target, u=None, channel=CHANNEL, **options):
     time = np.arange(len(target)) / 10
-    return judge_response(time, target, force, np.zeros(len(target)) if u is None else u, **options)
+    return judge_response(time, target, force, np.zeros(len(target)) if u is None else u, channel, **options)
 
 
 @unhurried
@@ -91,7 +93,7 @@ def test_locked_up_means_at_the_limit_and_off_target_to_the_end():
     assert judge(stuck, target, u=u).locked_up
     assert not judge(stuck, target, u=0.9 * u).locked_up  # the law has something left
     assert not judge(np.where(target > 0, 0.23, 0.0), target, u=u).locked_up  # on target
-    assert judge(stuck, target, u=0.9 * u, limit=5.4).locked_up
+    assert judge(stuck, target, u=0.9 * u, channel=replace(CHANNEL, low=-5.4)).locked_up
 
 
 @pytest.mark.parametrize("steps", [1, 2, 3])
@@ -113,9 +115,9 @@ def test_a_lost_frame_and_bounds_out_of_range_are_refused():
     target = hold(0.2, 4)
     with pytest.raises(InputError, match="not; a lost frame"):
         judge(np.array([0.0, np.nan, 0.2, 0.2]), target)
-    for options in ({"tolerance": 0.0}, {"tolerance": math.nan}, {"limit": 0.0}, {"limit": math.inf}):
-        with pytest.raises(InputError, match="tolerance and limit"):
-            judge(target, target, **options)
+    for tolerance in (0.0, math.nan):
+        with pytest.raises(InputError, match="tolerance"):
+            judge(target, target, tolerance=tolerance)
     with pytest.raises(InputError, match="one length above 0"):
         judge(np.zeros(0), np.zeros(0))
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from exosight.control import study, true_force
+from exosight.control import study, true_reading
 
 
 def test_the_six_runs_of_the_paper(toy):
     finished = []
-    found = study(toy(0.1), true_force, finished.append)
+    found = study(toy(0.1), true_reading(), finished.append)
     assert [*found.steady_states, *found.step_responses] == finished
     assert [trial.gain for trial in found.steady_states] == [5, 5, 5]
     assert [trial.record.target.tolist() for trial in found.steady_states] == [
@@ -36,10 +36,10 @@ def test_the_six_runs_of_the_paper(toy):
 
 
 def test_what_is_judged_is_the_true_force(toy):
-    blind = study(toy(0.1), lambda seen: 0.8 * seen.net_force)
+    blind = study(toy(0.1), lambda seen: 0.8 * seen.reading("F_net"))
     # The estimate settles on the target, so the truth a quarter above it: never in the band.
     for trial in blind.steady_states:
         # 1 − 0.8 K c = 0.6: of the error, 0.6⁴⁹ is left.
-        assert trial.record.F_net_estimated[-1] == pytest.approx(trial.record.target[-1], rel=1e-3)
+        assert trial.record.estimated[-1] == pytest.approx(trial.record.target[-1], rel=1e-3)
         assert math.isnan(trial.response.settling_steps)
         assert trial.response.overshoot_percent == pytest.approx(25, rel=1e-3)

@@ -1,6 +1,7 @@
-"""Small made-up frames of sampled shapes, and a dataset of them on disk."""
+"""Small made-up frames of designs of a made-up system, and a dataset of them on disk."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,29 +10,54 @@ import pytest
 from exosight.dataset.frames import Frames, concatenate
 from exosight.dataset.manifest import new_manifest, write_manifest
 from exosight.dataset.store import write_chunk
-from exosight.exosuit.scenarios import SampledShape, sample_shapes
-from exosight.exosuit.shapes import FAMILIES
 from exosight.system.camera import Camera
+from exosight.system.design import Design
+from exosight.system.schema import Channel, Schema, SensorSpec, ViewSpec
 
 CAMERA = Camera(width=6, height=4)
-SHAPES = sample_shapes(1, seed=0)
+SCHEMA = Schema(
+    "bench",
+    (Channel("push", "N", -1.0, 4.0), Channel("pull", "kPa", 0.0, 80.0)),
+    (
+        SensorSpec("P1", "contact force", "N", estimated=True),
+        SensorSpec("P2", "contact force", "N", estimated=True),
+        SensorSpec("P3", "contact force", "N", estimated=True),
+        SensorSpec("F_net", "net force", "N", parts=("P1", "P2", "P3")),
+        SensorSpec("knuckle", "joint angle", "rad"),
+    ),
+    (ViewSpec("side", CAMERA.width, CAMERA.height),),
+)
+FAMILIES = ("plain", "waved", "tapered", "rare", "odd")
+SCENARIOS = ("length", "plain", "waved", "tapered", "rare", "odd")
+DOFS = 25
 
 
-def made_up(shapes: list[SampledShape], per_shape: int = 3, seed: int = 0) -> Frames:
-    """Frames with valid labels and random content, `per_shape` of each shape."""
+def designs_of(per_scenario: int) -> tuple[Design, ...]:
+    """So many of each scenario; of the first family there are those of two scenarios."""
+    return tuple(
+        Design(number, max(number // per_scenario - 1, 0), number // per_scenario, {"length": 0.08 + number})
+        for number in range(per_scenario * len(SCENARIOS))
+    )
+
+
+DESIGNS = designs_of(2)[:11]
+
+
+def made_up(designs: Sequence[Design], per_design: int = 3, seed: int = 0, schema: Schema = SCHEMA) -> Frames:
+    """Frames with valid labels and random content, `per_design` of each design."""
     rng = np.random.default_rng(seed)
-    count = len(shapes) * per_shape
-    numbers = np.repeat([shape.shape_id for shape in shapes], per_shape)
-    families = [list(FAMILIES).index(shape.shape.surface.family) for shape in shapes]
+    count = len(designs) * per_design
+    (low, high), view = schema.limits, schema.cameras[0]
     return Frames(
-        images=rng.integers(0, 256, (count, CAMERA.height, CAMERA.width), dtype=np.uint8),
-        forces=rng.random((count, 7), dtype=np.float32),
-        u=4 * rng.random(count, dtype=np.float32),
-        pose=rng.normal(size=(count, 25)),
-        shape_id=numbers.astype(np.int32),
-        family=np.repeat(families, per_shape).astype(np.int8),
-        scenario=np.repeat([shape.scenario for shape in shapes], per_shape).astype(np.int8),
-        loading=rng.choice(np.array([-1, 1], np.int8), count),
+        schema=schema,
+        images=rng.integers(0, 256, (count, view.height, view.width), dtype=np.uint8),
+        sensors=rng.random((count, len(schema.sensors)), dtype=np.float32),
+        commands=rng.uniform(0.9 * low, 0.9 * high, (count, len(low))).astype(np.float32),
+        pose=rng.normal(size=(count, DOFS)),
+        design=np.repeat(np.array([each.number for each in designs], np.int32), per_design),
+        family=np.repeat(np.array([each.family for each in designs], np.int8), per_design),
+        scenario=np.repeat(np.array([each.scenario for each in designs], np.int8), per_design),
+        step=np.tile(np.arange(per_design, dtype=np.int32), len(designs)),
     )
 
 
@@ -40,12 +66,16 @@ def describe(chunks, **change):
     entries = {
         "config": {"young": 3e5},
         "seed": 0,
+        "system": "bench",
+        "schema": SCHEMA,
+        "description": None,
         "camera": CAMERA,
-        "load_limit": 4.0,
-        "dofs": 25,
-        "shapes": SHAPES,
-        "chunks": chunks,
-        "dropped": {"tip below fingertip": 2},
+        "dofs": DOFS,
+        "families": FAMILIES,
+        "scenarios": SCENARIOS,
+        "designs": DESIGNS,
+        "chunks": tuple(chunks),
+        "dropped": {"crosses_itself": 2},
     }
     return new_manifest(**(entries | change))
 
@@ -53,7 +83,7 @@ def describe(chunks, **change):
 @pytest.fixture
 def parts() -> list[Frames]:
     """The frames of a first and a second chunk."""
-    return [made_up(SHAPES[:6], seed=1), made_up(SHAPES[6:], seed=2)]
+    return [made_up(DESIGNS[:6], seed=1), made_up(DESIGNS[6:], seed=2)]
 
 
 @pytest.fixture

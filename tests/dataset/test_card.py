@@ -7,28 +7,44 @@ from pathlib import Path
 import pytest
 
 from exosight.dataset.card import croissant, readme, write_card
-from exosight.dataset.frames import CAUSES, QUANTITIES
+from exosight.dataset.frames import QUANTITIES
 from exosight.dataset.manifest import Manifest, read_manifest
-from exosight.exosuit.scenarios import SCENARIOS
 
-from .conftest import describe
+from .conftest import SCENARIOS, SCHEMA, describe
 
-KEPT = {scenario.name: 3 + k for k, scenario in enumerate(SCENARIOS)}
+KEPT = {scenario: 3 + k for k, scenario in enumerate(SCENARIOS)}
+CAUSES = ("not_converged", "crosses_itself", "tip_below_finger")
 
 
 @pytest.fixture
 def manifest(dataset: Path) -> Manifest:
     dropped = {cause: 1000 + k for k, cause in enumerate(CAUSES)}
-    return describe(list(read_manifest(dataset).chunks), dropped=dropped)
+    return describe(read_manifest(dataset).chunks, dropped=dropped)
 
 
 def test_the_card_counts_frames_by_scenario_and_by_filter(manifest: Manifest) -> None:
     card = readme(manifest, KEPT)
-    assert "3,036 frames were simulated and 33 kept, of 1 shape in each scenario" in card
+    assert "3,036 frames were simulated and 33 kept" in card
     for name, count in KEPT.items():
-        assert f"| `{name}` | {count} |" in card
+        designs = 1 if name == "odd" else 2  # eleven of twelve
+        assert f"| `{name}` | {designs} | {count} |" in card
     for count in manifest.dropped.values():
         assert re.search(rf"^\| [a-z' ]+ \| {count:,} \|$", card, re.MULTILINE)
+
+
+def test_the_card_names_every_channel_and_sensor(manifest: Manifest) -> None:
+    card = readme(manifest, KEPT)
+    for entry in (*SCHEMA.channels, *SCHEMA.sensors):
+        assert re.search(rf"^\| \d \| `{entry.name}` \| {entry.unit} \| ", card, re.MULTILINE)
+    assert "net force: P1 + P2 + P3" in card
+    assert len(re.findall("a label of networks", card)) == len(SCHEMA.outputs)
+
+
+def test_only_the_preset_cites_the_paper(manifest: Manifest) -> None:
+    file = describe(manifest.chunks, description={"name": "bench"})
+    for each, cited in ((manifest, True), (file, False)):
+        assert ("Learning User Interaction Forces" in readme(each, KEPT)) == cited
+        assert ("citeAs" in croissant(each)) == cited
 
 
 def test_the_card_names_units_seed_configuration_licence_and_source(manifest: Manifest) -> None:
@@ -40,7 +56,6 @@ def test_the_card_names_units_seed_configuration_licence_and_source(manifest: Ma
     configuration = re.search(r"```json\n(.*?)```", card, re.DOTALL)
     assert configuration
     assert json.loads(configuration[1]) == manifest.config
-    assert "Learning User Interaction Forces" in card
     assert "## Splits" in card
 
 
@@ -69,4 +84,5 @@ def test_croissant_lists_every_chunk_and_every_array(manifest: Manifest) -> None
     assert files == {chunk.file: chunk.sha256 for chunk in manifest.chunks} | {"chunks": None}
     fields = {each["name"]: each["description"] for each in card["recordSet"][0]["field"]}
     assert list(fields) == list(QUANTITIES)
-    assert fields["forces"] == "contact force on the finger spheres C1 to C7 [N]; float32, 7 a frame"
+    expected = "what every sensor reads, in the schema's order [as in the schema]; float32, 5 a frame"
+    assert fields["sensors"] == expected

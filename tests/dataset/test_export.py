@@ -14,33 +14,18 @@ import scipy.io
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exosight.dataset import QUANTITIES, Frames, new_manifest, read_frames, write_chunk, write_manifest
+from exosight.dataset import QUANTITIES, Frames, read_frames, write_chunk, write_manifest
 from exosight.dataset.export import export_dataset, export_path, read_path
 from exosight.dataset.matlab import from_matlab, read_mat, to_matlab, write_mat
 from exosight.errors import DataError, InputError
-from exosight.exosuit.scenarios import sample_shapes
-from exosight.exosuit.shapes import FAMILIES
 from exosight.files import new_file
-from exosight.system.camera import Camera
 
-CAMERA = Camera(metres_per_pixel=0.01, width=12, height=8)
+from .conftest import CAMERA, DESIGNS, FAMILIES, SCHEMA, describe, made_up
 
 
 def some_frames(count: int, seed: int = 0) -> Frames:
-    """Random content under valid labels, of the first shape; higher than wide it is not."""
-    rng = np.random.default_rng(seed)
-    shape = sample_shapes(1, seed=0)[0]
-    family = list(FAMILIES).index(shape.shape.surface.family)
-    return Frames(
-        images=rng.integers(0, 256, (count, CAMERA.height, CAMERA.width), dtype=np.uint8),
-        forces=rng.random((count, 7), dtype=np.float32),
-        u=4 * rng.random(count, dtype=np.float32),
-        pose=rng.normal(size=(count, 25)),
-        shape_id=np.zeros(count, dtype=np.int32),
-        family=np.full(count, family, dtype=np.int8),
-        scenario=np.full(count, shape.scenario, dtype=np.int8),
-        loading=np.where(np.arange(count) % 2, 1, -1).astype(np.int8),
-    )
+    """Random content under valid labels, of the first design."""
+    return made_up(DESIGNS[:1], count, seed)
 
 
 def assert_same(frames: Frames, others: Frames) -> None:
@@ -56,10 +41,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("data") / "data"
     folder.mkdir()
     chunk = write_chunk(folder, 0, some_frames(5), {"lighting.ambient": np.linspace(0.1, 0.5, 5)})
-    manifest = new_manifest(
-        config={}, seed=0, camera=CAMERA, load_limit=4.0, dofs=25, shapes=sample_shapes(1, seed=0),
-        chunks=[chunk], dropped={},
-    )  # fmt: skip
+    manifest = describe([chunk])
     write_manifest(folder, manifest)
     return folder
 
@@ -72,7 +54,7 @@ def test_frames_return_from_a_mat_file(
     path = tmp_path_factory.mktemp("mat") / "frames.mat"
     frames = some_frames(count, seed)
     write_mat(path, to_matlab(frames))
-    assert_same(from_matlab(read_mat(path)), frames)
+    assert_same(from_matlab(read_mat(path), SCHEMA), frames)
 
 
 def test_matlab_shows_frames_upright(dataset: Path, tmp_path: Path) -> None:
@@ -81,7 +63,10 @@ def test_matlab_shows_frames_upright(dataset: Path, tmp_path: Path) -> None:
     found, frames = scipy.io.loadmat(tmp_path / "data.mat"), read_frames(dataset)
     assert found["images"].shape == (CAMERA.height, CAMERA.width, 5)
     np.testing.assert_array_equal(found["images"][:, :, 3], frames.images[3])
-    assert found["u"].shape == (5, 1)
+    assert found["step"].shape == (5, 1)
+    assert found["commands"].shape == (5, 2)
+    assert [str(cell[0][0]) for cell in found["sensor_names"]] == ["P1", "P2", "P3", "F_net", "knuckle"]
+    assert [str(cell[0][0]) for cell in found["channel_units"]] == ["N", "kPa"]
     assert [str(cell[0][0]) for cell in found["families"]] == list(FAMILIES)
     np.testing.assert_array_equal(
         found["variation"][0, 0]["lighting_ambient"].ravel(), np.linspace(0.1, 0.5, 5)
@@ -105,8 +90,8 @@ def test_octave_reads_a_dataset_and_saves_it_back(dataset: Path, tmp_path: Path)
     numbers, family = told.stdout.splitlines()
     expected = [CAMERA.height, CAMERA.width, 5, frames.images[3, 1, 2], CAMERA.width, 0.5]
     assert [float(each) for each in numbers.split()] == pytest.approx(expected, abs=0.01)  # as it prints
-    assert family == list(FAMILIES)[frames.family[0]]
-    assert_same(from_matlab(read_mat(tmp_path / "mine.mat")), frames)
+    assert family == FAMILIES[frames.family[0]]
+    assert_same(from_matlab(read_mat(tmp_path / "mine.mat"), SCHEMA), frames)
 
 
 def test_what_matlab_saves_as_double_is_taken(tmp_path: Path) -> None:
@@ -115,7 +100,7 @@ def test_what_matlab_saves_as_double_is_taken(tmp_path: Path) -> None:
         tmp_path / "mine.mat",
         {name: np.asarray(values, dtype=float) for name, values in to_matlab(frames).items()},
     )
-    assert_same(from_matlab(read_mat(tmp_path / "mine.mat")), frames)
+    assert_same(from_matlab(read_mat(tmp_path / "mine.mat"), SCHEMA), frames)
 
 
 def test_a_single_frame_loses_its_last_dimension_in_matlab(tmp_path: Path) -> None:
@@ -123,21 +108,22 @@ def test_a_single_frame_loses_its_last_dimension_in_matlab(tmp_path: Path) -> No
     values = to_matlab(frames)
     values["images"] = values["images"][:, :, 0]
     write_mat(tmp_path / "one.mat", values)
-    assert_same(from_matlab(read_mat(tmp_path / "one.mat")), frames)
+    assert_same(from_matlab(read_mat(tmp_path / "one.mat"), SCHEMA), frames)
 
 
 @pytest.mark.parametrize(
     ("name", "values", "words"),
     [
-        ("forces", None, "forces is missing"),
-        ("forces", np.ones((3, 8)), "frames × 7"),
-        ("forces", np.full((3, 7), np.nan), "not finite"),
-        ("u", np.ones((3, 2)), "one number a frame"),
-        ("images", np.full((8, 12, 3), 300.0), "whole numbers of uint8"),
-        ("images", np.full((8, 12, 3), 0.5), "whole numbers of uint8"),
-        ("family", np.array([0, 1, 99]), "family must lie within"),
+        ("sensors", None, "sensors is missing"),
+        ("sensors", np.ones((3, 8)), r"sensors expects \(5,\) a frame"),
+        ("sensors", np.full((3, 5), np.nan), "not finite"),
+        ("step", np.ones((3, 2)), "one number a frame"),
+        ("images", np.full((4, 6, 3), 300.0), "whole numbers of uint8"),
+        ("images", np.full((4, 6, 3), 0.5), "whole numbers of uint8"),
+        ("family", np.array([0, 1, -1]), "family must be within"),
+        ("commands", np.full((3, 2), 99.0), "push must lie within"),
         ("pose", np.ones((2, 25)), "as many rows"),
-        ("loading", np.array(["a", "b", "c"]), "expects numbers"),
+        ("design", np.array(["a", "b", "c"]), "expects numbers"),
     ],
 )
 def test_unfit_frames_are_refused(name: str, values: np.ndarray | None, words: str) -> None:
@@ -147,7 +133,7 @@ def test_unfit_frames_are_refused(name: str, values: np.ndarray | None, words: s
     else:
         given[name] = values
     with pytest.raises(InputError, match=words):
-        from_matlab(given)
+        from_matlab(given, SCHEMA)
 
 
 def test_npz_holds_the_same_arrays_without_pickles(dataset: Path, tmp_path: Path) -> None:
@@ -169,14 +155,14 @@ def test_tables_and_pictures_hold_every_digit(dataset: Path, tmp_path: Path) -> 
     with (tmp_path / "out" / "frames.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 5
-    for row, image, forces, u, pose in zip(
-        rows, frames.images, frames.forces, frames.u, frames.pose, strict=True
-    ):
+    for k, row in enumerate(rows):
         seen = cv2.imread(str(tmp_path / "out" / row["image"]), cv2.IMREAD_UNCHANGED)
-        np.testing.assert_array_equal(seen, image)
-        assert [np.float32(row[f"C{i}_N"]) for i in range(1, 8)] == forces.tolist()
-        assert np.float32(row["u_N"]) == u
-        assert [float(row[f"q{i}"]) for i in range(25)] == pose.tolist()
+        np.testing.assert_array_equal(seen, frames.images[k])
+        names = ["P1_N", "P2_N", "P3_N", "F_net_N", "knuckle_rad"]
+        assert [np.float32(row[f"sensor_{name}"]) for name in names] == frames.sensors[k].tolist()
+        assert np.float32(row["command_push_N"]) == frames.commands[k, 0]
+        assert np.float32(row["command_pull_kPa"]) == frames.commands[k, 1]
+        assert [float(row[f"q{i}"]) for i in range(25)] == frames.pose[k].tolist()
         assert row["family"] in FAMILIES
     assert [float(row["lighting.ambient"]) for row in rows] == np.linspace(0.1, 0.5, 5).tolist()
 

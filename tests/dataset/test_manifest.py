@@ -1,57 +1,59 @@
 """The manifest: complete and exact, or refused in one sentence."""
 
+import dataclasses
 import json
 from pathlib import Path
 
 import pytest
 
-from exosight.dataset.manifest import dataset_identity, read_manifest, sampled_shapes, write_manifest
+from exosight.dataset.manifest import dataset_identity, read_manifest, write_manifest
 from exosight.dataset.store import write_chunk
 from exosight.errors import DataError, InputError
-from exosight.exosuit.scenarios import sample_shapes
 from exosight.system.camera import Camera
 
-from .conftest import CAMERA, SHAPES, describe, made_up
+from .conftest import CAMERA, DESIGNS, SCHEMA, describe, designs_of, made_up
 
 
 def test_round_trip(dataset: Path) -> None:
     manifest = read_manifest(dataset)
     assert manifest == describe(list(manifest.chunks))
     assert manifest.camera == CAMERA
-    assert sampled_shapes(manifest) == SHAPES
+    assert manifest.schema == SCHEMA
+    assert manifest.designs == DESIGNS
     assert manifest.frames == 33
-    assert manifest.dropped == {"tip below fingertip": 2}
+    assert manifest.dropped == {"crosses_itself": 2}
 
 
 def test_every_quantity_has_a_unit_in_the_file(dataset: Path) -> None:
     quantities = json.loads((dataset / "manifest.json").read_text())["quantities"]
-    assert quantities["forces"]["unit"] == quantities["u"]["unit"] == "N"
+    assert quantities["images"]["unit"] == "gray level 0-255"
     assert all(entry["unit"] and entry["type"] and entry["meaning"] for entry in quantities.values())
 
 
 def test_identity_is_that_of_what_was_made_wherever_it_was_written(dataset: Path, tmp_path: Path) -> None:
-    """Another processor or HDF5 gives other bytes, and the same exosuits in the same division."""
+    """Another processor or HDF5 gives other bytes, and the same designs in the same division."""
     identity = dataset_identity(read_manifest(dataset))
     assert json.loads(json.dumps(identity)) == identity
-    second = write_chunk(tmp_path, 1, made_up(SHAPES[6:], seed=5))
-    first = write_chunk(tmp_path, 0, made_up(SHAPES[:6], seed=6))
+    second = write_chunk(tmp_path, 1, made_up(DESIGNS[6:], seed=5))
+    first = write_chunk(tmp_path, 0, made_up(DESIGNS[:6], seed=6))
     chunks = [second, first]  # in another order, on purpose
     assert dataset_identity(describe(chunks)) == identity
     others = [
         describe(chunks, seed=1),
         describe(chunks, config={"young": 2e5}),
-        describe(chunks, camera=Camera(width=4, height=6)),
-        describe(chunks, load_limit=5.0),
-        describe(chunks, shapes=sample_shapes(1, seed=1)),
-        describe(chunks, dropped={"tip below fingertip": 3}),
-        describe(chunks[:1]),
+        describe(chunks, camera=Camera(width=6, height=4, metres_per_pixel=0.1)),
+        describe(chunks, schema=dataclasses.replace(SCHEMA, channels=SCHEMA.channels[::-1])),
+        describe(chunks, description={"name": "bench"}),
+        describe(chunks, designs=designs_of(3)),
+        describe(chunks, dropped={"crosses_itself": 3}),
+        describe(chunks[1:]),
     ]
     hashes = {dataset_identity(manifest)["sha256"] for manifest in others} | {identity["sha256"]}
     assert len(hashes) == 1 + len(others)
 
 
 def test_a_config_with_tuples_is_the_same_from_disk(tmp_path: Path) -> None:
-    manifest = describe([write_chunk(tmp_path, 0, made_up(SHAPES))], config={"gap": (0.0, 1e-3)})
+    manifest = describe([write_chunk(tmp_path, 0, made_up(DESIGNS))], config={"gap": (0.0, 1e-3)})
     write_manifest(tmp_path, manifest)
     assert read_manifest(tmp_path) == manifest
     assert manifest.config == {"gap": [0.0, 1e-3]}
@@ -65,7 +67,7 @@ def test_a_manifest_is_never_overwritten(dataset: Path) -> None:
 
 
 def test_chunks_must_be_there_first(tmp_path: Path) -> None:
-    chunk = write_chunk(tmp_path, 0, made_up(SHAPES))
+    chunk = write_chunk(tmp_path, 0, made_up(DESIGNS))
     (tmp_path / chunk.file).unlink()
     with pytest.raises(DataError, match=r"chunk_0000.h5: missing"):
         write_manifest(tmp_path, describe([chunk]))
@@ -78,7 +80,7 @@ def test_chunks_must_be_there_first(tmp_path: Path) -> None:
         ({"seed": -1}, "seed"),
         ({"config": {"path": Path()}}, "config must hold JSON values"),
         ({"config": {"young": float("nan")}}, "config must hold JSON values"),
-        ({"load_limit": float("nan")}, "load_limit"),
+        ({"system": "two words"}, "system"),
         ({"dropped": {"tip": -1}}, r"dropped\.tip"),
     ],
 )
@@ -145,20 +147,24 @@ def set_chunk(**change):
 @pytest.mark.parametrize(
     ("change", "part"),
     [
-        (lambda v: v.update(format=2), "format 2, written by a newer exosight"),
+        (lambda v: v.update(format=3), "format 3, written by a newer exosight"),
+        (lambda v: v.update(format=1), "this one reads format 2: make it again, exosight generate"),
         (lambda v: v.pop("seed"), "seed"),
         (lambda v: v.update(seed="0"), "seed"),
         (lambda v: v.update(extra=1), "extra"),
-        (lambda v: v.update(load_limit=float("nan")), "load_limit"),
         (lambda v: v["camera"].update(width=10**9), "camera.width"),
+        (lambda v: v["camera"].update(width=5), "its camera is not that of its schema, 6×4 pixels"),
+        (lambda v: v.update(system="other"), "its system other is not that of its schema, bench"),
+        (lambda v: v["schema"]["sensors"][1].update(name="P1"), "expected different names, got P1 twice"),
+        (lambda v: v["schema"]["channels"][0].update(low=1), "channel push: expected a range with 0 in it"),
+        (lambda v: v["schema"].update(sensors=[]), "schema.sensors"),
         (lambda v: v["camera"].update(metres_per_pixel=0), "camera.metres_per_pixel"),
         (lambda v: v.update(chunks=[]), "lists no chunks"),
         (lambda v: v["chunks"].append(v["chunks"][0]), "a chunk twice"),
-        (lambda v: v.update(families=["square"]), "square"),
-        (lambda v: v.update(scenarios=["square"]), "square"),
-        (lambda v: v["shapes"][1].update(shape_id=0), "two shapes alike"),
-        (lambda v: v["shapes"][1].update(family="spline"), "unknown family 'spline'"),
-        (lambda v: v["shapes"][1].update(length=-1), "length"),
+        (lambda v: v.update(families=["plain"]), "is of family 1, of 1"),
+        (lambda v: v["designs"][3].update(scenario=-1), "design 3 is of scenario -1, of 6"),
+        (lambda v: v["designs"][1].update(number=0), "two designs alike"),
+        (lambda v: v["designs"][1].update(number="1"), "designs.1.number"),
         (lambda v: v.update(dofs=10**12), "dofs"),
         (set_chunk(file="../chunk_0000.h5"), "chunks.0.file"),
         (set_chunk(file="/etc/passwd"), "chunks.0.file"),
@@ -181,11 +187,12 @@ def test_a_damaged_entry_is_one_sentence(dataset: Path, edit_manifest, change, p
 def test_more_images_than_memory_are_refused(dataset: Path, edit_manifest) -> None:
     edit_manifest(set_chunk(frames=100_000_000))
     edit_manifest(lambda values: values["camera"].update(width=8192, height=8192))
+    edit_manifest(lambda values: values["schema"]["cameras"][0].update(width=8192, height=8192))
     with pytest.raises(DataError, match="GiB of memory"):
         read_manifest(dataset)
 
 
 def test_other_cameras_are_kept_exactly(tmp_path: Path) -> None:
     camera = Camera(centre=(0.1, -1 / 3), metres_per_pixel=1 / 7000, width=6, height=4)
-    write_manifest(tmp_path, describe([write_chunk(tmp_path, 0, made_up(SHAPES))], camera=camera))
+    write_manifest(tmp_path, describe([write_chunk(tmp_path, 0, made_up(DESIGNS))], camera=camera))
     assert read_manifest(tmp_path).camera == camera

@@ -14,7 +14,7 @@ from exosight.dataset.manifest import write_manifest
 from exosight.dataset.store import read_frames, write_chunk
 from exosight.errors import DataError, InputError
 
-from .conftest import SHAPES, describe, made_up
+from .conftest import DESIGNS, describe, made_up
 
 
 def test_round_trip(dataset: Path, frames: Frames) -> None:
@@ -33,7 +33,7 @@ def test_the_order_is_that_of_the_chunk_numbers(tmp_path: Path, parts: list[Fram
 def test_other_programs_see_units(dataset: Path) -> None:
     with h5py.File(dataset / "chunk_0000.h5") as file:
         assert set(file) == set(QUANTITIES)
-        assert file["forces"].attrs["unit"] == "N"
+        assert file["images"].attrs["unit"] == "gray level 0-255"
         for name in QUANTITIES:
             assert file[name].attrs["unit"]
             assert file[name].attrs["meaning"]
@@ -42,7 +42,7 @@ def test_other_programs_see_units(dataset: Path) -> None:
 
 
 def test_equal_frames_make_equal_files(tmp_path: Path) -> None:
-    one, other = (write_chunk(tmp_path, index, made_up(SHAPES, seed=5)) for index in (0, 1))
+    one, other = (write_chunk(tmp_path, index, made_up(DESIGNS, seed=5)) for index in (0, 1))
     assert one.sha256 == other.sha256 == hashlib.sha256((tmp_path / one.file).read_bytes()).hexdigest()
 
 
@@ -50,7 +50,7 @@ def test_equal_frames_make_equal_files_however_long_arrays_stay_open(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A thread that looks at frames of the stack, as Dask's profiler does, keeps what they hold open."""
-    frames = made_up(SHAPES, seed=5)
+    frames = made_up(DESIGNS, seed=5)
     columns = {name: np.linspace(0.0, 1.0, len(frames)) for name in ("appearance.gain", "appearance.roll")}
     one = write_chunk(tmp_path, 0, frames, columns)
     held = []
@@ -67,22 +67,22 @@ def test_equal_frames_make_equal_files_however_long_arrays_stay_open(
 
 
 def test_threads_write_chunks_side_by_side(tmp_path: Path) -> None:
-    frames = made_up(SHAPES, per_shape=20)
+    frames = made_up(DESIGNS, per_design=20)
     with ThreadPoolExecutor(4) as threads:
         entries = list(threads.map(lambda number: write_chunk(tmp_path, number, frames), range(40)))
     assert len({entry.sha256 for entry in entries}) == 1
 
 
 def test_the_entry_says_what_is_in_the_chunk(tmp_path: Path) -> None:
-    entry = write_chunk(tmp_path, 7, made_up(SHAPES[2:5], per_shape=4))
+    entry = write_chunk(tmp_path, 7, made_up(DESIGNS[2:5], per_design=4))
     assert entry.file == "chunk_0007.h5"
-    assert (entry.frames, entry.shape_ids) == (12, (2, 3, 4))
+    assert (entry.frames, entry.designs) == (12, (2, 3, 4))
     assert entry.bytes == (tmp_path / entry.file).stat().st_size
 
 
 def test_unfit_frames_are_not_written(tmp_path: Path, frames: Frames) -> None:
-    frames.forces[2, 3] = np.nan
-    with pytest.raises(InputError, match=r"chunk 0: forces holds values that are not finite"):
+    frames.sensors[2, 3] = np.nan
+    with pytest.raises(InputError, match=r"chunk 0: sensors holds values that are not finite"):
         write_chunk(tmp_path, 0, frames)
     assert list(tmp_path.iterdir()) == []
 
@@ -93,16 +93,16 @@ def test_no_frames_are_not_written(tmp_path: Path) -> None:
 
 
 def test_a_damaged_chunk_is_replaced(tmp_path: Path) -> None:
-    entry = write_chunk(tmp_path, 0, made_up(SHAPES, seed=1))
+    entry = write_chunk(tmp_path, 0, made_up(DESIGNS, seed=1))
     before = (tmp_path / entry.file).read_bytes()
     (tmp_path / entry.file).write_bytes(before[:100])
-    assert write_chunk(tmp_path, 0, made_up(SHAPES, seed=1)) == entry
+    assert write_chunk(tmp_path, 0, made_up(DESIGNS, seed=1)) == entry
     assert (tmp_path / entry.file).read_bytes() == before
 
 
 def test_a_complete_dataset_takes_no_more_chunks(dataset: Path) -> None:
     with pytest.raises(DataError, match="complete"):
-        write_chunk(dataset, 2, made_up(SHAPES))
+        write_chunk(dataset, 2, made_up(DESIGNS))
     assert len(read_frames(dataset)) == 33
 
 
@@ -190,17 +190,17 @@ def test_another_kind_of_file_is_said(dataset: Path, swap_chunk) -> None:
     ("change", "part"),
     [
         (lambda file: file.pop("pose"), "pose"),
-        (replaced("forces", np.zeros((18, 7))), "forces expects float32 (18, 7), got float64 (18, 7)"),
+        (replaced("sensors", np.zeros((18, 5))), "sensors expects float32 (18, 5), got float64 (18, 5)"),
         (
-            replaced("forces", np.zeros((18, 8), np.float32)),
-            "forces expects float32 (18, 7), got float32 (18, 8)",
+            replaced("sensors", np.zeros((18, 7), np.float32)),
+            "sensors expects float32 (18, 5), got float32 (18, 7)",
         ),
-        (replaced("u", np.zeros(17, np.float32)), "u expects float32 (18,), got float32 (17,)"),
+        (replaced("step", np.zeros(17, np.int32)), "step expects int32 (18,), got int32 (17,)"),
         (replaced("images", np.zeros((18, 4, 7), np.uint8)), "images expects uint8 (18, 4, 6)"),
-        (replaced("u", np.full(18, np.nan, np.float32)), "u holds values that are not finite"),
-        (replaced("u", np.full(18, 5, np.float32)), "u must lie within -4…4 N, got 5"),
+        (replaced("commands", np.full((18, 2), np.nan, np.float32)), "commands holds values that are not"),
+        (replaced("commands", np.full((18, 2), 5, np.float32)), "push must lie within -1…4 N, got 5"),
         (replaced("family", np.full(18, 2, np.int8)), "carry another family or scenario"),
-        (replaced("shape_id", np.full(18, 3, np.int32)), "other shapes than the manifest says"),
+        (replaced("design", np.full(18, 3, np.int32)), "other designs than the manifest says"),
     ],
 )
 def test_content_that_contradicts_the_manifest_is_said(dataset: Path, alter_chunk, change, part: str) -> None:
@@ -211,9 +211,9 @@ def test_content_that_contradicts_the_manifest_is_said(dataset: Path, alter_chun
     assert "chunk_0000.h5" in str(caught.value)
 
 
-def test_a_shape_that_the_manifest_does_not_list_is_said(dataset: Path, edit_manifest) -> None:
-    edit_manifest(lambda values: values["shapes"].pop(2))
-    with pytest.raises(DataError, match="lists no shape 2"):
+def test_a_design_that_the_manifest_does_not_list_is_said(dataset: Path, edit_manifest) -> None:
+    edit_manifest(lambda values: values["designs"].pop(2))
+    with pytest.raises(DataError, match="lists no design 2"):
         read_frames(dataset)
 
 

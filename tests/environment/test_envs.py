@@ -190,6 +190,47 @@ def test_the_code_of_the_page_runs() -> None:
     assert set(names["env"].observation_space.spaces) == {"image", "state"}
 
 
+# Systems of a user's own
+
+THUMB = Path(__file__).parents[2] / "examples" / "systems" / "thumb.toml"
+
+
+def test_a_system_file_has_spaces_of_its_own_and_is_paid_by_the_same_rule() -> None:
+    env = GripEnv(str(THUMB), sensor="P3", steps=5, contact_limit=0.02)
+    seen, told = env.reset(options={"target": 0.3})
+    assert env.observation_space.shape == (1 + 1 + 3,)  # target, channel u, P1 … P3
+    assert set(told) == {"P3", "u", "converged"}
+    for _ in range(3):
+        seen, reward, *_, told = env.step([1.0])
+        assert env.observation_space.contains(seen)
+    excess = np.maximum(seen[2:] - 0.02, 0).sum()
+    assert told["P3"] == pytest.approx(seen[4], abs=SINGLE)
+    assert reward == pytest.approx(-(abs(0.3 - seen[4]) + 5 * excess) / REWARD_UNIT, abs=1e-4)
+
+
+def test_every_channel_has_an_action_within_its_own_range(tmp_path: Path) -> None:
+    motor = """
+[actuators.torque]
+type = "joint_torque"
+body = "proximal"
+range = ["-20 mN m", "40 mN m"]
+rate = "100 mN m/s"
+"""
+    file = tmp_path / "two.toml"
+    file.write_text(THUMB.read_text() + motor)
+    env = GripEnv(str(file), steps=20)
+    assert env.action_space.shape == (2,)
+    env.reset(options={"target": 0.1})
+    *_, told = env.step([0.0, 1.0])
+    assert (told["u"], told["torque"]) == (0.0, pytest.approx(0.01))  # 100 mN m/s for 0.1 s
+    for _ in range(6):
+        *_, told = env.step([-1.0, 1.0])
+    assert told["u"] == pytest.approx(-1.0)  # a quarter of its peak
+    assert told["torque"] == pytest.approx(0.04)
+    with pytest.raises(InputError, match="has 2 channels"):
+        GripEnv(str(file), u_max=1.0)
+
+
 # What is refused
 
 
@@ -200,6 +241,8 @@ def test_the_code_of_the_page_runs() -> None:
         {"steps": 0},
         {"rate": float("nan")},
         {"u_max": 9.0},
+        {"system": "no_such_system"},
+        {"sensor": "C9"},
         {"smallest_target": 0.4},
         {"render_mode": "human"},
         {"no_such_thing": 1},

@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
+from schemas import mixed_schema, published_schema
 
 from exosight.errors import InputError
 from exosight.evaluation.details import detail_table, evaluate_details, resampled_r
 
+SCHEMA = published_schema()
 FRAMES = 400
 
 
@@ -17,7 +19,7 @@ def true() -> np.ndarray:
 UP = np.where(np.arange(FRAMES) < FRAMES // 2, 1, -1).astype(np.int8)
 
 
-SHAPES = np.repeat(np.arange(40), FRAMES // 40).astype(np.int32)
+DESIGNS = np.repeat(np.arange(40), FRAMES // 40).astype(np.int32)
 
 
 def touching(forces: np.ndarray) -> np.ndarray:
@@ -25,13 +27,13 @@ def touching(forces: np.ndarray) -> np.ndarray:
 
 
 def test_perfect_estimates_have_no_error(true: np.ndarray) -> None:
-    for d in evaluate_details(true, true, touching(true), UP, SHAPES):
+    for d in evaluate_details(SCHEMA, true, true, touching(true), UP, DESIGNS):
         assert (d.r2, d.f1, d.p95, d.largest, d.rmse_loading, d.rmse_unloading) == (1, 1, 0, 0, 0, 0)
 
 
 def test_the_mean_explains_nothing_and_all_contact_is_half_right(true: np.ndarray) -> None:
     mean = np.tile(true.mean(axis=0), (FRAMES, 1))
-    for i, d in enumerate(evaluate_details(true, mean, np.ones_like(true), UP, SHAPES)):
+    for i, d in enumerate(evaluate_details(SCHEMA, true, mean, np.ones_like(true), UP, DESIGNS)):
         assert d.r2 == pytest.approx(0, abs=1e-6)  # the mean is rounded to single precision
         share = np.mean(true[:, i] > 0)
         assert d.f1 == pytest.approx(2 * share / (1 + share))
@@ -40,7 +42,7 @@ def test_the_mean_explains_nothing_and_all_contact_is_half_right(true: np.ndarra
 def test_rare_errors_show_in_the_largest_and_not_in_the_percentile(true: np.ndarray) -> None:
     estimated = true + np.float32(0.01)
     estimated[:4, 2] += 0.49  # one in a hundred
-    d = evaluate_details(true, estimated, touching(true), UP, SHAPES)[2]
+    d = evaluate_details(SCHEMA, true, estimated, touching(true), UP, DESIGNS)[2]
     # Sums of numbers up to 1.5 in single precision.
     assert d.p95 == pytest.approx(0.01, abs=1e-6)
     assert d.largest == pytest.approx(0.5, abs=1e-6)
@@ -48,10 +50,10 @@ def test_rare_errors_show_in_the_largest_and_not_in_the_percentile(true: np.ndar
 
 def test_loading_and_unloading_are_told_apart(true: np.ndarray) -> None:
     estimated = true + np.where(UP > 0, 0.1, 0.3).astype(np.float32)[:, None]
-    d = evaluate_details(true, estimated, touching(true), UP, SHAPES)[0]
+    d = evaluate_details(SCHEMA, true, estimated, touching(true), UP, DESIGNS)[0]
     assert d.rmse_loading == pytest.approx(0.1, abs=1e-6)
     assert d.rmse_unloading == pytest.approx(0.3, abs=1e-6)
-    only_up = evaluate_details(true, estimated, touching(true), np.ones_like(UP), SHAPES)[0]
+    only_up = evaluate_details(SCHEMA, true, estimated, touching(true), np.ones_like(UP), DESIGNS)[0]
     assert np.isnan(only_up.rmse_unloading)
 
 
@@ -59,31 +61,43 @@ def test_forces_below_a_millinewton_do_not_count_as_contact() -> None:
     true = np.zeros((2, 7), np.float32)
     true[0], true[1] = 0.9e-3, 1e-3
     said = np.array([[0.4] * 7, [0.6] * 7], np.float32)
-    assert [d.f1 for d in evaluate_details(true, true, said, np.ones(2, np.int8), np.zeros(2, np.int32))] == [
-        1.0
-    ] * 7
+    assert [
+        d.f1 for d in evaluate_details(SCHEMA, true, true, said, np.ones(2, np.int8), np.zeros(2, np.int32))
+    ] == [1.0] * 7
 
 
 def test_what_never_happens_is_undefined_and_left_out_of_means(true: np.ndarray) -> None:
     true[:, 6] = 0
-    found = evaluate_details(true, true, touching(true), UP, SHAPES)
+    found = evaluate_details(SCHEMA, true, true, touching(true), UP, DESIGNS)
     assert np.isnan([found[6].r2, found[6].r_low, found[6].r_high]).all()
     assert np.isnan(found[6].f1)
-    table = detail_table("details", "Details", found)
+    table = detail_table("details", "Details", SCHEMA, found)
     assert [row[0] for row in table.rows] == ["C1", "C2", "C3", "C4", "C5", "C6", "C7", "mean"]
     assert table.rows[-1][3:5] == (1.0, 1.0)
 
 
+def test_an_angle_has_no_contact_and_without_a_direction_none_is_shown(true: np.ndarray) -> None:
+    schema, values = mixed_schema(), true[:, :4]
+    found = evaluate_details(schema, values, values, touching(values), 0 * UP, DESIGNS)
+    assert [np.isnan(d.f1) for d in found] == [False, True, False, False]
+    table = detail_table("details", "Details", schema, found)
+    assert "loading" not in [column.name for column in table.columns]
+    assert table.rows[1][0] == "knuckle_of_the_index [rad]"
+    mean = dict(zip([column.name for column in table.columns], table.rows[-1], strict=True))
+    assert mean["R²"] == 1
+    assert mean["largest"] is None  # newtons and radians have no mean
+
+
 def test_wrong_probabilities_and_forces_are_refused(true: np.ndarray) -> None:
     with pytest.raises(InputError, match="probabilities within 0…1"):
-        evaluate_details(true, true, 2 * np.ones_like(true), UP, SHAPES)
+        evaluate_details(SCHEMA, true, true, 2 * np.ones_like(true), UP, DESIGNS)
     true[3, 2] = np.nan
     with pytest.raises(InputError, match="expected finite numbers"):
-        evaluate_details(true, true, touching(true), UP, SHAPES)
+        evaluate_details(SCHEMA, true, true, touching(true), UP, DESIGNS)
 
 
-def test_r_of_other_exosuits_spreads_as_theory_says() -> None:
-    """Of independent normal pairs Fisher's z has a deviation of 1/√(n − 3); every exosuit is one frame."""
+def test_r_of_other_designs_spreads_as_theory_says() -> None:
+    """Of independent normal pairs Fisher's z has a deviation of 1/√(n − 3); every design is one frame."""
     rng = np.random.default_rng(3)
     x = rng.standard_normal((500, 1))
     y = 0.8 * x + 0.6 * rng.standard_normal((500, 1))
@@ -94,8 +108,8 @@ def test_r_of_other_exosuits_spreads_as_theory_says() -> None:
     np.testing.assert_allclose([low[0], high[0]], expected, atol=0.006)
 
 
-def test_frames_of_one_exosuit_add_no_certainty() -> None:
-    """Ten equal frames of each leave the interval where it was; taken for ten exosuits they would not."""
+def test_frames_of_one_design_add_no_certainty() -> None:
+    """Ten equal frames of each leave the interval where it was; taken for ten designs they would not."""
     rng = np.random.default_rng(4)
     x = rng.standard_normal((100, 7))
     y = x + rng.standard_normal((100, 7))

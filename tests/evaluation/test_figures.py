@@ -1,25 +1,33 @@
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import matplotlib
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from schemas import mixed_schema, published_schema
 
 from exosight.evaluation import figures
 from exosight.evaluation.figures.learning import rate_drops
 from exosight.evaluation.figures.motion import find_snaps
-from exosight.evaluation.metrics import CONTACTS, score
+from exosight.evaluation.metrics import score
 from exosight.evaluation.published import ROBUSTNESS_PUBLISHED
+from exosight.system.schema import Schema, SensorSpec
+
+SCHEMA = published_schema()
+CONTACTS = SCHEMA.outputs
 
 
 @dataclass
 class Trace:
     time: np.ndarray
     target: np.ndarray
-    F_net_true: np.ndarray
-    F_net_estimated: np.ndarray
-    u: np.ndarray
+    true: np.ndarray
+    estimated: np.ndarray
+    command: np.ndarray
+    schema: Schema = SCHEMA
+    sensor: str = "F_net"
+    channel: str = "u"
 
 
 def trace(target: float = 0.25, steps: int = 20) -> Trace:
@@ -62,20 +70,24 @@ def overview() -> Figure:
     finger = np.column_stack([[0, 0.02, 0.045, 0.056, 0.07, 0.08, 0.0939, 0.0944], np.zeros(8)])
     true, estimated = np.arange(7) / 10, np.arange(7) / 11
     return figures.overview(
-        rod, np.full(42, 0.005), finger, np.linspace(0.01, 0.004, 8), images(1)[0], true, estimated
+        figures.Outline(rod, np.full(42, 0.005)),
+        figures.Outline(finger, np.linspace(0.01, 0.004, 8)),
+        ["C0", *CONTACTS],
+        images(1)[0],
+        dict(zip(CONTACTS, zip(true.tolist(), estimated.tolist(), strict=True), strict=True)),
     )
 
 
 def every_figure() -> dict[str, Figure]:
     true, estimated = forces()
-    cases = {name: score(true, estimated) for name in ROBUSTNESS_PUBLISHED}
+    cases = {name: score(SCHEMA, true, estimated) for name in ROBUSTNESS_PUBLISHED}
     u = np.r_[0:4:5j, 3:0:4j]
     return {
         "overview": overview(),
         "loss": loss_figure(),
-        "traces": figures.sample_traces(true, estimated),
-        "scatter": figures.predicted_against_true(true, estimated),
-        "rain": figures.rainclouds(true, estimated),
+        "traces": figures.sample_traces(SCHEMA, true, estimated),
+        "scatter": figures.predicted_against_true(SCHEMA, true, estimated),
+        "rain": figures.rainclouds(SCHEMA, true, estimated),
         "corrupted": figures.corrupted_examples({name: images(2) for name in ROBUSTNESS_PUBLISHED}),
         "bars": figures.robustness_bars(cases),
         "path": figures.loading_path(u, u / 10, np.arange(len(u)) == 3),
@@ -100,8 +112,8 @@ def drawn() -> dict[str, Figure]:
         ("rain", ["force [N]"]),
         ("bars", ["RMSE [N]", "RMS% [% of range]", "Pearson r [-]"]),
         ("path", ["actuation u [N]", "F_net [N]"]),
-        ("steady", ["F_net [N]", "actuation u [N]", "time [s]"]),
-        ("steps", ["F_net [N]", "error e [N]", "actuation u [N]", "time [s]"]),
+        ("steady", ["F_net [N]", "command u [N]", "time [s]"]),
+        ("steps", ["F_net [N]", "error e [N]", "command u [N]", "time [s]"]),
     ],
 )
 def test_axes_say_quantity_and_unit(name, expected, drawn):
@@ -149,7 +161,7 @@ def test_rate_drops_are_steps_of_a_constant_rate_only():
 def test_traces_pair_true_and_estimated_of_the_same_frames():
     true, estimated = forces(30)
     estimated = (true + 100).astype(np.float32)  # so that a wrong pairing cannot go unseen
-    figure = figures.sample_traces(true, estimated, samples=10, seed=1)
+    figure = figures.sample_traces(SCHEMA, true, estimated, samples=10, seed=1)
     for contact, ax in enumerate(figure.axes):
         t, e = (drawn.get_ydata() for drawn in ax.get_lines())
         shift = 700 if ax.get_ylabel() == "F_net [N]" else 100
@@ -162,17 +174,17 @@ def test_traces_pair_true_and_estimated_of_the_same_frames():
 
 def test_fewer_frames_than_samples_are_all_drawn():
     true, estimated = forces(5)
-    figure = figures.sample_traces(true, estimated, samples=60)
+    figure = figures.sample_traces(SCHEMA, true, estimated, samples=60)
     assert len(figure.axes[0].get_lines()[0].get_ydata()) == 5
 
 
 def test_predicted_against_true_counts_every_frame_on_equal_axes():
     true, estimated = forces(80)
-    figure = figures.predicted_against_true(true, estimated)
-    scores = score(true, estimated)
+    figure = figures.predicted_against_true(SCHEMA, true, estimated)
+    scores = score(SCHEMA, true, estimated)
     panels = [ax for ax in figure.axes if ax.get_title()]
     assert len(panels) == 8
-    for ax, metrics in zip(panels, (*scores.contacts, scores.net), strict=True):
+    for ax, metrics in zip(panels, (*scores.outputs, *scores.sums), strict=True):
         assert ax.get_xlim() == ax.get_ylim()
         assert ax.get_aspect() == 1
         np.testing.assert_array_equal(line(ax, "identity").get_xdata(), line(ax, "identity").get_ydata())
@@ -184,9 +196,9 @@ def test_predicted_against_true_counts_every_frame_on_equal_axes():
 def test_contact_that_never_touches_is_drawn_without_a_correlation():
     true, estimated = forces()
     true[:, 0] = 0
-    scatter = figures.predicted_against_true(true, estimated)
+    scatter = figures.predicted_against_true(SCHEMA, true, estimated)
     assert "C1: r = –" in scatter.axes[0].get_title()
-    rain = figures.rainclouds(true, estimated)
+    rain = figures.rainclouds(SCHEMA, true, estimated)
     assert rain.axes[0].get_title() == "C1: touching in 0 %"
     assert len(rain.axes[0].collections) == 0
     assert len(rain.axes[1].collections) == 2
@@ -195,7 +207,7 @@ def test_contact_that_never_touches_is_drawn_without_a_correlation():
 def test_rainclouds_show_touching_frames_estimated_above_true_below():
     true, estimated = forces()
     estimated = (true + 5).astype(np.float32)
-    ax = figures.rainclouds(true, estimated).axes[2]
+    ax = figures.rainclouds(SCHEMA, true, estimated).axes[2]
     touching = true[:, 2] >= 1e-3
     assert f"{100 * touching.mean():.0f} %" in ax.get_title()
     above, below = (cloud.get_paths()[0].vertices for cloud in ax.collections)
@@ -208,12 +220,12 @@ def test_rainclouds_show_touching_frames_estimated_above_true_below():
 def test_raincloud_of_one_value_is_drawn():
     true = np.zeros((4, 7))
     true[0] = 0.1
-    assert len(figures.rainclouds(true, true.copy()).axes[0].collections) == 2
+    assert len(figures.rainclouds(SCHEMA, true, true.copy()).axes[0].collections) == 2
 
 
 def test_bars_stand_beside_the_papers():
     true, estimated = forces()
-    cases = {name: score(true, estimated) for name in ("clean", "noise-high")}
+    cases = {name: score(SCHEMA, true, estimated) for name in ("clean", "noise-high")}
     ax = figures.robustness_bars(cases).axes[2]
     ours, paper = ax.containers[1], ax.containers[3]
     assert [bar.get_height() for bar in ours] == [cases["clean"].r.mean] * 2
@@ -223,7 +235,7 @@ def test_bars_stand_beside_the_papers():
 
 def test_bars_of_a_negative_correlation_stay_inside_the_axis():
     true, _ = forces()
-    ax = figures.robustness_bars({"clean": score(true, 1 - true)}).axes[2]
+    ax = figures.robustness_bars({"clean": score(SCHEMA, true, 1 - true)}).axes[2]
     assert ax.get_ylim()[0] <= -0.99
 
 
@@ -269,10 +281,10 @@ def test_steady_states_show_true_estimated_target_and_the_training_limit():
     run = trace(0.25)
     force, actuation = figures.steady_states([run]).axes
     target, true, estimated = force.get_lines()
-    np.testing.assert_array_equal(true.get_ydata(), run.F_net_true)
-    np.testing.assert_array_equal(estimated.get_ydata(), run.F_net_estimated)
+    np.testing.assert_array_equal(true.get_ydata(), run.true)
+    np.testing.assert_array_equal(estimated.get_ydata(), run.estimated)
     np.testing.assert_array_equal(target.get_ydata(), run.target)
-    np.testing.assert_array_equal(line(actuation, "target 0.25 N").get_ydata(), run.u)
+    np.testing.assert_array_equal(line(actuation, "target 0.25 N").get_ydata(), run.command)
     assert any(set(drawn.get_ydata()) == {4.0} for drawn in actuation.get_lines())
 
 
@@ -280,8 +292,8 @@ def test_step_responses_draw_the_error_that_the_controller_sees():
     runs = {0.1: trace(0.2), 100.0: trace(0.3)}
     _, error, actuation = figures.step_responses(runs).axes
     for drawn, run in zip(error.get_lines(), runs.values(), strict=True):
-        np.testing.assert_allclose(drawn.get_ydata(), run.target - run.F_net_estimated)
-    np.testing.assert_array_equal(line(actuation, "K_P = 100").get_ydata(), runs[100.0].u)
+        np.testing.assert_allclose(drawn.get_ydata(), run.target - run.estimated)
+    np.testing.assert_array_equal(line(actuation, "K_P = 100").get_ydata(), runs[100.0].command)
 
 
 def test_overview_names_the_parts_and_shows_the_forces_of_its_image():
@@ -297,8 +309,32 @@ def test_overview_names_the_parts_and_shows_the_forces_of_its_image():
     assert (curve.get_ydata() > 100 * (0.02 - 3 * np.linspace(0, 0.1, 42) ** 2)).all()
 
 
-def test_spheres_sit_at_the_bases_and_the_centres_of_mass():
-    joints = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, -4.0], [6.0, -8.0], [6.0, -9.0]])
-    centres = figures.sphere_centres(joints, np.array([1.0, 2.0, 2.5, 0.5]))
-    np.testing.assert_array_equal(centres[::2], joints[:-1])
-    np.testing.assert_allclose(centres[1::2], [[1, 0], [3, -2], [4.5, -6], [6, -8.5]], rtol=1e-15)
+@pytest.mark.parametrize("count", [1, 2, 5, 23])
+def test_any_number_of_sensors_has_a_panel_each(count: int):
+    zones = tuple(SensorSpec(f"zone_{i}", "contact force", "N", estimated=True) for i in range(count))
+    schema = replace(mixed_schema(), sensors=zones)
+    true = np.random.default_rng(0).random((40, count))
+    for figure in (
+        figures.sample_traces(schema, true, true),
+        figures.predicted_against_true(schema, true, true),
+        figures.rainclouds(schema, true, true),
+    ):
+        shown = [ax for ax in figure.axes if ax.axison and (ax.get_title() or "zone" in ax.get_ylabel())]
+        names = [(ax.get_title() or ax.get_ylabel()).replace(":", " ").split()[0] for ax in shown]
+        assert sorted(names) == sorted(schema.outputs)
+        figures.to_svg(figure)
+
+
+def test_figures_of_another_system_have_its_names_and_units_and_no_paper():
+    schema = mixed_schema()
+    true = np.random.default_rng(0).random((40, 4)) * [1, -1, 1, 1]
+    traces = figures.sample_traces(schema, true, true + 0.1)
+    assert [ax.get_ylabel() for ax in traces.axes if ax.axison] == [
+        *("zone_0 [N]", "zone_2 [N]", "knuckle_of_\nthe_index [rad]", "grip [N]", "zone_1 [N]")
+    ]
+    scatter = figures.predicted_against_true(schema, true, true + 0.1)
+    assert "RMSE 0.100 rad" in scatter.axes[1].get_title()
+    assert figures.rainclouds(schema, true, true).axes[1].get_title() == "knuckle_of_\nthe_index: [rad]"
+    bars = figures.robustness_bars({"clean": score(schema, true, true + 0.1)})
+    assert "RMSE" not in labels(bars)  # newtons and radians have no mean
+    assert [text.get_text() for text in bars.legends[0].get_texts()] == ["exosight"]

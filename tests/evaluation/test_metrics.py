@@ -1,18 +1,26 @@
-import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from schemas import mixed_schema, published_schema
 
 from exosight.errors import InputError
-from exosight.evaluation.metrics import CONTACTS, ContactMetrics, Scores, score, spread
-from exosight.evaluation.published import CONTACTS_PUBLISHED, ROBUSTNESS_PUBLISHED
+from exosight.evaluation.metrics import Scores, spread
+from exosight.evaluation.metrics import score as score_of
+from exosight.evaluation.published import CONTACTS_PUBLISHED, ROBUSTNESS_PUBLISHED, is_published
+
+SCHEMA = published_schema()
 
 # Whole millinewtons up to 4 N: every force then differs from its neighbour by much more than round-off.
 FORCES = arrays(np.int64, (12, 7), elements=st.integers(0, 4000)).map(lambda forces: forces / 1000)
+
+
+def score(true: np.ndarray, estimated: np.ndarray) -> Scores:
+    return score_of(SCHEMA, true, estimated)
 
 
 def random_forces(seed: int = 0, frames: int = 50) -> np.ndarray:
@@ -20,7 +28,7 @@ def random_forces(seed: int = 0, frames: int = 50) -> np.ndarray:
 
 
 def per_contact(scores: Scores, quantity: str) -> np.ndarray:
-    return np.array([getattr(contact, quantity) for contact in scores.contacts])
+    return np.array([getattr(contact, quantity) for contact in scores.outputs])
 
 
 def test_perfect_estimate_has_no_error_and_correlation_one():
@@ -47,7 +55,7 @@ def test_hand_computed_example():
     true, estimated = np.zeros((4, 7)), np.zeros((4, 7))
     true[:, 0] = [0, 1, 2, 3]
     estimated[:, 0] = [1, 1, 2, 2]
-    first = score(true, estimated).contacts[0]
+    first = score(true, estimated).outputs[0]
     # Squared errors 1, 0, 0, 1; covariance 1/2, variances 5/4 and 1/4.
     assert first.rmse == pytest.approx(math.sqrt(0.5), rel=1e-14)
     assert first.rms_percent == pytest.approx(100 * math.sqrt(0.5) / 3, rel=1e-14)
@@ -94,7 +102,7 @@ def test_order_of_the_frames_does_not_matter():
 
 def test_net_force_is_the_sum_of_the_seven():
     true, estimated = random_forces(1), random_forces(2)
-    net = score(true, estimated).net
+    net = score(true, estimated).sums[0]
     error = estimated.sum(axis=1) - true.sum(axis=1)
     assert net.name == "F_net"
     assert net.rmse == pytest.approx(math.sqrt(np.mean(error**2)), rel=1e-12)
@@ -113,9 +121,9 @@ def test_contact_that_never_varies_is_undefined_left_out_of_the_mean_and_counted
     # A constant whose mean rounds: the variance is not zero then, yet nothing varies.
     true[:, 3] = 0.1
     scores = score(true, estimated)
-    assert math.isnan(scores.contacts[3].r)
-    assert math.isnan(scores.contacts[3].rms_percent)
-    assert scores.contacts[3].rmse > 0
+    assert math.isnan(scores.outputs[3].r)
+    assert math.isnan(scores.outputs[3].rms_percent)
+    assert scores.outputs[3].rmse > 0
     assert (scores.r.count, scores.rms_percent.count, scores.rmse.count) == (6, 6, 7)
     others = np.delete(per_contact(scores, "r"), 3)
     assert scores.r.mean == pytest.approx(others.mean(), rel=1e-12)
@@ -126,19 +134,29 @@ def test_estimate_that_never_varies_has_no_correlation_but_an_error():
     true = random_forces()
     estimated = true.copy()
     estimated[:, 0] = 0.1
-    first = score(true, estimated).contacts[0]
+    first = score(true, estimated).outputs[0]
     assert math.isnan(first.r)
     assert first.rms_percent > 0
 
 
-def test_rows_are_json_with_null_for_undefined_numbers():
-    true = random_forces()
-    true[:, 3] = 0
-    rows = json.loads(json.dumps(score(true, random_forces(2)).to_rows(), allow_nan=False))
-    assert [row["contact"] for row in rows] == [*CONTACTS, "F_net", "mean", "SD", "count"]
-    assert rows[3]["r"] is None
-    assert rows[3]["rms_percent"] is None
-    assert rows[-1]["r"] == 6
+def test_sums_and_units_follow_the_schema():
+    """An angle among forces: the grip is the sum of two of them, and errors in N and rad have no mean."""
+    schema = mixed_schema()
+    rng = np.random.default_rng(0)
+    true = rng.gamma(1.0, 0.2, (50, 4)) * [1, -1, 1, 1]
+    found = score_of(schema, true, [*true, 0.1, 0.2, 0.3, 0.3])
+    assert [(o.name, o.unit) for o in found.outputs] == [
+        ("zone_0", "N"),
+        ("knuckle_of_the_index", "rad"),
+        ("zone_1", "N"),
+        ("zone_2", "N"),
+    ]
+    assert [o.rmse for o in found.outputs] == pytest.approx([0.1, 0.2, 0.3, 0.3])
+    (grip,) = found.sums
+    assert (grip.name, grip.rmse) == ("grip", pytest.approx(0.6))
+    assert grip.largest_true == pytest.approx((true[:, 2] + true[:, 3]).max())
+    assert math.isnan(found.rmse.mean)
+    assert found.r.mean == pytest.approx(1)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -146,7 +164,7 @@ def test_rows_are_json_with_null_for_undefined_numbers():
 def test_numbers_that_are_not_finite_are_refused(bad, which):
     forces = {"true": random_forces(1), "estimated": random_forces(2)}
     forces[which][7, 2] = bad
-    with pytest.raises(InputError, match=rf"{which} forces: .* in frame 7"):
+    with pytest.raises(InputError, match=rf"{which} values: .* in frame 7"):
         score(**forces)
 
 
@@ -192,6 +210,8 @@ def test_sample_standard_deviation_is_the_papers_choice():
     assert round(values.std(ddof=0), 2) != printed
 
 
-def test_published_contacts_are_in_order():
-    assert tuple(contact.name for contact in CONTACTS_PUBLISHED) == CONTACTS
-    assert all(isinstance(contact, ContactMetrics) for contact in CONTACTS_PUBLISHED)
+def test_only_the_published_system_is_the_papers():
+    assert is_published(SCHEMA)
+    assert tuple(contact.name for contact in CONTACTS_PUBLISHED) == SCHEMA.outputs
+    assert not is_published(mixed_schema())
+    assert not is_published(replace(SCHEMA, system="mine"))

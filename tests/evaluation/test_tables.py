@@ -3,17 +3,18 @@ import math
 
 import numpy as np
 import pytest
+from schemas import mixed_schema, published_schema
 
 from exosight.errors import InputError
-from exosight.evaluation.metrics import Spread, score
+from exosight.evaluation.metrics import Scores, Spread, score
 from exosight.evaluation.tables import (
     Column,
     Table,
     cell_text,
-    contact_table,
     largest_table,
     mean_table,
     robustness_table,
+    sensor_table,
 )
 
 
@@ -21,7 +22,7 @@ def scores(constant: int | None = None):
     true, estimated = np.random.default_rng(0).gamma(1.0, 0.2, (2, 30, 7))
     if constant is not None:
         true[:, constant] = 0
-    return score(true, estimated)
+    return score(published_schema(), true, estimated)
 
 
 @pytest.mark.parametrize(
@@ -79,10 +80,10 @@ def test_names_that_are_no_file_names_are_refused(name):
 
 def test_contacts_stand_beside_the_papers():
     ours = scores()
-    table = contact_table("contacts", "Each contact", ours)
+    table = sensor_table("contacts", "Each contact", ours)
     record = table.records()[5]
     assert record["contact"] == "C6"
-    assert record["r exosight"] == ours.contacts[5].r
+    assert record["r exosight"] == ours.outputs[5].r
     assert record["r paper"] == 0.51
     assert record["RMSE paper [N]"] == 0.07
     assert record["RMS% paper [%]"] == 3.85
@@ -93,7 +94,7 @@ def test_contacts_stand_beside_the_papers():
 
 
 def test_undefined_contact_is_a_dash_and_is_explained():
-    table = contact_table("contacts", "Each contact", scores(constant=2))
+    table = sensor_table("contacts", "Each contact", scores(constant=2))
     heads = [column.key() for column in table.columns]
     row = dict(zip(heads, zip(table.rows[2], table.columns, strict=True), strict=True))
     assert cell_text(*row["r exosight"]) == "–"
@@ -105,8 +106,8 @@ def test_undefined_contact_is_a_dash_and_is_explained():
 def test_largest_forces_stand_beside_the_papers():
     ours = scores()
     record = largest_table("largest", "Largest forces", ours).records()[0]
-    assert record["exosight true [N]"] == ours.contacts[0].largest_true
-    assert record["exosight estimated [N]"] == ours.contacts[0].largest_estimated
+    assert record["exosight true [N]"] == ours.outputs[0].largest_true
+    assert record["exosight estimated [N]"] == ours.outputs[0].largest_estimated
     assert (record["paper true [N]"], record["paper estimated [N]"]) == (2.41, 0.69)
 
 
@@ -124,3 +125,32 @@ def test_splits_stand_beside_the_papers_only_one():
     table = mean_table("splits", "Splits", {"by frame": scores(), "by shape": scores()})
     assert [record["split"] for record in table.records()] == ["by frame", "by shape"]
     assert {record["r paper"] for record in table.records()} == {0.83}
+
+
+def mixed() -> Scores:
+    true, estimated = np.random.default_rng(0).gamma(1.0, 0.2, (2, 30, 4))
+    return score(mixed_schema(), true, estimated)
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        sensor_table("sensors", "Each sensor", mixed()),
+        largest_table("largest", "Largest", mixed()),
+        mean_table("means", "Means", {"by design": mixed()}),
+        robustness_table("robustness", "Degraded images", {"clean": mixed(), "noise-high": mixed()}),
+    ],
+    ids=lambda table: table.name,
+)
+def test_another_system_does_not_stand_beside_the_paper(table: Table):
+    assert not any("paper" in key for record in table.records() for key in record)
+
+
+def test_units_stand_in_the_row_where_they_differ():
+    table = sensor_table("sensors", "Each sensor", mixed())
+    names = [row[0] for row in table.rows]
+    assert names[:2] == ["zone_0 [N]", "knuckle_of_the_index [rad]"]
+    assert names[-1] == "grip [N]"
+    assert table.columns[1].unit == ""
+    assert "grip is the sum of zone_1 and zone_2" in table.note
+    assert cell_text(table.rows[4][1], table.columns[1]) == "–"  # newtons and radians have no mean

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from schemas import published_schema
 
-from exosight.learning import TrainConfig, train
-from exosight.learning.samples import Samples
+from exosight.learning import TrainConfig, TrainingData, train
 
-IDENTITY = {"camera": "512 px/m", "shapes": 3, "young": 300e3}
+IDENTITY: dict[str, str | int | float] = {"camera": "512 px/m", "shapes": 3, "young": 300e3}
 
 
 @pytest.fixture(scope="session")
-def blobs() -> Samples:
+def blobs() -> TrainingData:
     """80 frames of 40×40, the smallest that training moves; forces follow from the picture alone, C6 is 0."""
     generator = np.random.default_rng(7)
     y, x = np.mgrid[:40, :40] / 40
@@ -23,7 +23,11 @@ def blobs() -> Samples:
         size = generator.uniform(0.3, 1.0)
         image[:] = 255 * np.exp(-((x - a) ** 2 + (y - b) ** 2) / (0.02 * size))
         force[:] = [a, b, size, 0.2 * a * b, max(0.0, a - 0.5), 0.0, 2.0 * size]
-    return Samples(images, forces, np.arange(64), np.arange(64, 80), forces[:, :2].copy())
+    return TrainingData(
+        *(published_schema(40, 40), images, forces, np.arange(64), np.arange(64, 80), IDENTITY),
+        auxiliary=forces[:, :2].copy(),
+        auxiliary_units=("N", "N"),
+    )
 
 
 @pytest.fixture(scope="session")
@@ -33,11 +37,10 @@ def small() -> TrainConfig:
 
 
 @pytest.fixture(scope="session")
-def trained(tmp_path_factory: pytest.TempPathFactory, blobs: Samples, small: TrainConfig) -> Path:
+def trained(tmp_path_factory: pytest.TempPathFactory, blobs: TrainingData, small: TrainConfig) -> Path:
     """The folder of that run, never stopped."""
     folder = tmp_path_factory.mktemp("runs") / "whole"
-    index = (blobs.train_index, blobs.validation_index)
-    train(small, blobs.images, blobs.forces, *index, folder, IDENTITY, auxiliary=blobs.auxiliary)
+    train(small, blobs, folder)
     return folder
 
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from schemas import published_schema
 
 from exosight.errors import DataError
 from exosight.learning.checkpoint import (
@@ -100,7 +101,7 @@ def other_network(checkpoint: Checkpoint) -> Checkpoint:
         run=replace(
             checkpoint.run,
             settings=replace(checkpoint.run.settings, network="paper"),
-            image_size=(128, 128),
+            schema=published_schema(128, 128),
         ),
     )
 
@@ -112,16 +113,19 @@ def other_tensor(checkpoint: Checkpoint, **change: torch.Tensor) -> Checkpoint:
 LIES: dict[str, tuple[Callable[[Checkpoint], Checkpoint], str]] = {
     "another network": (other_network, "only one of the paper network and the file"),
     "a network that cannot take the image": (
-        lambda c: replace(c, run=replace(other_network(c).run, image_size=(32, 32))),
+        lambda c: replace(c, run=replace(other_network(c).run, schema=published_schema(32, 32))),
         "128×128",
     ),
-    "another image size": (lambda c: replace(c, run=replace(c.run, image_size=(80, 80))), "in the file"),
+    "another image size": (
+        lambda c: replace(c, run=replace(c.run, schema=published_schema(80, 80))),
+        "in the file",
+    ),
     "an image larger than memory": (
-        lambda c: replace(c, run=replace(c.run, image_size=(10**9, 10**9))),
+        lambda c: replace(c, run=replace(c.run, schema=published_schema(10**9, 10**9))),
         "4096 pixels",
     ),
-    "a scale of zero": (lambda c: replace(c, run=replace(c.run, force_scale=(0.0,) * 7)), "force_scale"),
-    "six contacts": (lambda c: replace(c, run=replace(c.run, force_scale=(1.0,) * 6)), "force_scale"),
+    "a scale of zero": (lambda c: replace(c, run=replace(c.run, output_scale=(0.0,) * 7)), "output_scale"),
+    "six outputs": (lambda c: replace(c, run=replace(c.run, output_scale=(1.0,) * 6)), "output_scale"),
     "an epoch that is not in the history": (
         lambda c: replace(c, position=replace(c.position, epoch=9)),
         "9 epochs done, but 6 in the history",
@@ -156,10 +160,10 @@ def test_a_header_that_does_not_fit_is_a_data_error(trained: Path, tmp_path: Pat
 
 def test_another_format_is_named(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     checkpoint = load_checkpoint(trained)
-    monkeypatch.setattr("exosight.learning.checkpoint._FORMAT", 3)
-    write(tmp_path, checkpoint)
     monkeypatch.setattr("exosight.learning.checkpoint._FORMAT", 2)
-    with pytest.raises(DataError, match="checkpoint format 3, this exosight reads 2"):
+    write(tmp_path, checkpoint)
+    monkeypatch.undo()
+    with pytest.raises(DataError, match="checkpoint format 2, this exosight reads 3; train again"):
         load_checkpoint(tmp_path)
 
 
@@ -182,8 +186,8 @@ def test_a_model_before_the_first_validation_is_refused(trained: Path, tmp_path:
 
 def test_the_model_holds_the_best_weights(trained: Path):
     checkpoint, model = load_checkpoint(trained), load_model(trained)
-    fresh = build_network("light", (40, 40), 2, 5).state_dict()
+    fresh = build_network("light", published_schema(40, 40), 2, 5).state_dict()
     for name, tensor in model.network.state_dict().items():
         assert torch.equal(tensor, checkpoint.tensors[f"best.{name}"])
     assert not torch.equal(fresh["2.0.weight"], checkpoint.tensors["best.2.0.weight"])
-    assert model.scale.tolist() == pytest.approx(checkpoint.run.force_scale)
+    assert model.scale.tolist() == pytest.approx(checkpoint.run.output_scale)

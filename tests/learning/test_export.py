@@ -4,18 +4,19 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from schemas import published_schema
 
 from exosight.errors import DataError, InputError
-from exosight.learning import TrainConfig, export, export_onnx, load_model, train
+from exosight.learning import TrainConfig, TrainingData, export, export_onnx, load_model, train
 from exosight.learning.model_file import OUTPUTS, open_model
-from exosight.learning.networks import ForceModel, build_network
-from exosight.learning.samples import Samples
+from exosight.learning.networks import SensorModel, build_network
+from exosight.learning.outputs import nonnegative
 
 
 @pytest.fixture(scope="module")
-def exported(trained: Path, blobs: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def exported(trained: Path, blobs: TrainingData, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("export") / "light.onnx"
-    export_onnx(trained, path, blobs.images[64:], blobs.forces[64:])
+    export_onnx(trained, path, blobs.images[64:], blobs.labels[64:])
     return path
 
 
@@ -41,14 +42,14 @@ def logit(probability: np.ndarray) -> np.ndarray:
     return np.log(p / (1 - p))
 
 
-def test_contact_is_as_likely_as_it_is_frequent(trained: Path, blobs: Samples, exported: Path):
+def test_contact_is_as_likely_as_it_is_frequent(trained: Path, blobs: TrainingData, exported: Path):
     """On the frames that the file was exported with; the network itself says otherwise."""
     session, _ = open_model(exported, 1)
     images = blobs.images[64:, None].astype(np.float32) / 255
     (found,) = session.run(["contact"], {"image": images})
     with torch.inference_mode():
         before = load_model(trained)(torch.from_numpy(images))[2].numpy().mean(axis=0)
-    share = (blobs.forces[64:] > 0).mean(axis=0)
+    share = (blobs.labels[64:] > 0).mean(axis=0)
     tells = (share > 0) & (share < 1)
     assert tells.any()
     np.testing.assert_allclose(found.mean(axis=0)[tells], share[tells], atol=1e-4)
@@ -57,9 +58,8 @@ def test_contact_is_as_likely_as_it_is_frequent(trained: Path, blobs: Samples, e
 
 def test_metadata_say_what_the_network_is(exported: Path):
     _, card = open_model(exported, 1)
-    assert (card.network, card.seed, card.image_height, card.image_width) == ("light", 5, 40, 40)
-    assert card.contacts == ("C1", "C2", "C3", "C4", "C5", "C6", "C7")
-    assert card.unit == "N"
+    assert (card.network, card.seed) == ("light", 5)
+    assert card.schema == published_schema(40, 40)
     assert card.data == {"camera": "512 px/m", "shapes": 3, "young": 300e3}
     assert card.training["learning_rate"] == 3e-3
     assert 1 <= card.epoch <= 6
@@ -79,37 +79,39 @@ def test_the_file_is_plain_onnx_and_holds_nothing_of_the_machine_that_wrote_it(e
 
 def test_the_paper_network_exports(tmp_path: Path, identity: dict):
     images = np.random.default_rng(0).integers(0, 256, (4, 128, 128), np.uint8)
-    forces = np.ones((4, 7), np.float32)
+    labels = np.ones((4, 7), np.float32)
     config = TrainConfig(network="paper", epochs=1, threads=1)
-    train(config, images, forces, np.arange(3), np.arange(3, 4), tmp_path / "run", identity)
-    card = export_onnx(tmp_path / "run", tmp_path / "models" / "paper.onnx", images, forces)
-    assert (card.network, card.image_height) == ("paper", 128)
+    data = TrainingData(published_schema(), images, labels, np.arange(3), np.arange(3, 4), identity)
+    train(config, data, tmp_path / "run")
+    card = export_onnx(tmp_path / "run", tmp_path / "models" / "paper.onnx", images, labels)
+    assert (card.network, card.image_size) == ("paper", (128, 128))
     assert open_model(tmp_path / "models" / "paper.onnx", 1)[1] == card
 
 
-def test_an_existing_file_is_not_overwritten(trained: Path, blobs: Samples, tmp_path: Path):
+def test_an_existing_file_is_not_overwritten(trained: Path, blobs: TrainingData, tmp_path: Path):
     path = tmp_path / "mine.onnx"
     path.write_bytes(b"mine")
     with pytest.raises(InputError, match="exists already"):
-        export_onnx(trained, path, blobs.images[64:], blobs.forces[64:])
+        export_onnx(trained, path, blobs.images[64:], blobs.labels[64:])
     assert path.read_bytes() == b"mine"
 
 
-def test_a_missing_run_is_a_data_error(blobs: Samples, tmp_path: Path):
+def test_a_missing_run_is_a_data_error(blobs: TrainingData, tmp_path: Path):
     with pytest.raises(DataError, match="cannot be read"):
-        export_onnx(tmp_path / "nowhere", tmp_path / "model.onnx", blobs.images, blobs.forces)
+        export_onnx(tmp_path / "nowhere", tmp_path / "model.onnx", blobs.images, blobs.labels)
 
 
 def test_a_network_that_answers_otherwise_is_not_written(
-    trained: Path, blobs: Samples, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    trained: Path, blobs: TrainingData, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     convert = export._convert
 
     def wrong(deployed: torch.nn.Module, card) -> onnx.ModelProto:
-        deployed.model = ForceModel(build_network("light", (40, 40), 2, 9).eval(), deployed.model.scale)
+        other = build_network("light", card.schema, 2, 9).eval()
+        deployed.model = SensorModel(other, deployed.model.scale, nonnegative(card.schema))
         return convert(deployed, card)
 
     monkeypatch.setattr(export, "_convert", wrong)
     with pytest.raises(DataError, match="differs from the trained one"):
-        export_onnx(trained, tmp_path / "model.onnx", blobs.images[64:], blobs.forces[64:])
+        export_onnx(trained, tmp_path / "model.onnx", blobs.images[64:], blobs.labels[64:])
     assert list(tmp_path.iterdir()) == []

@@ -6,6 +6,8 @@ import pytest
 from exosight.errors import InputError
 from exosight.learning.intervals import LEVELS, calibrate_intervals, interval
 
+FORCES = np.ones(7, dtype=bool)
+
 
 def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Estimates, expected errors and truths: heavy-tailed errors, expected wrongly by a factor a contact."""
@@ -19,9 +21,9 @@ def drawn(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_coverage_on_new_frames_is_the_level(level: float) -> None:
-    widths = calibrate_intervals(*drawn(20_000, 0))
+    widths = calibrate_intervals(*drawn(20_000, 0), FORCES)
     forces, expected, truth = drawn(20_000, 1)
-    low, high = interval(widths, level, forces, expected)
+    low, high = interval(widths, level, forces, expected, FORCES)
     # A lower end below zero is cut off, which these truths, unlike forces, may be.
     covered = (truth <= high + 1e-6) & ((truth >= low - 1e-6) | (low == 0))
     for i in range(7):
@@ -39,10 +41,10 @@ def test_far_from_zero_coverage_is_not_above_the_level_either() -> None:
         noise = np.random.default_rng(seed + 10).standard_t(3, forces.shape) * expected
         return forces + 10, expected, forces + 10 + noise
 
-    widths = calibrate_intervals(*shifted(0))
+    widths = calibrate_intervals(*shifted(0), FORCES)
     forces, expected, truth = shifted(1)
     for level in LEVELS:
-        low, high = interval(widths, level, forces, expected)
+        low, high = interval(widths, level, forces, expected, FORCES)
         covered = ((truth >= low) & (truth <= high)).mean(axis=0)
         # Four standard deviations of quantile and count.
         assert covered == pytest.approx(level, abs=4 * np.sqrt(2 * level * (1 - level) / 20_000))
@@ -51,7 +53,7 @@ def test_far_from_zero_coverage_is_not_above_the_level_either() -> None:
 def test_few_frames_give_wide_intervals_and_none_gives_the_estimate_itself() -> None:
     forces, expected, truth = drawn(5, 0)
     forces = forces + 1
-    widths = calibrate_intervals(forces, expected, truth)
+    widths = calibrate_intervals(forces, expected, truth, FORCES)
     largest = np.max(np.abs(forces - truth) / expected, axis=0)
     assert widths.estimated_force[LEVELS.index(0.99)] == pytest.approx(largest)
     assert widths.estimated_zero == ((0.0,) * 7,) * len(LEVELS)
@@ -59,4 +61,24 @@ def test_few_frames_give_wide_intervals_and_none_gives_the_estimate_itself() -> 
 
 def test_a_level_that_was_not_calibrated_is_refused() -> None:
     with pytest.raises(InputError, match=r"level: expected one of 0.5, 0.8, .*, got 0.7"):
-        interval(calibrate_intervals(*drawn(10, 0)), 0.7, *drawn(10, 0)[:2])
+        interval(calibrate_intervals(*drawn(10, 0), FORCES), 0.7, *drawn(10, 0)[:2], FORCES)
+
+
+def test_intervals_of_angles_hold_on_both_sides_of_zero() -> None:
+    """Angles have no zero of their own: one width for all of them, and no end that is cut off."""
+    angles = np.array([False])
+
+    def turned(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        rng = np.random.default_rng(seed)
+        value, error = rng.normal(0, 0.1, (20_000, 1)), rng.normal(0, 0.05, (20_000, 1))
+        value[:500] = 0.0
+        return value, np.full_like(value, 0.02), value + error
+
+    widths = calibrate_intervals(*turned(0), angles)
+    value, expected, truth = turned(1)
+    for level in LEVELS:
+        low, high = interval(widths, level, value, expected, angles)
+        covered = float(((truth >= low) & (truth <= high)).mean())
+        # Four standard deviations of quantile and count.
+        assert covered == pytest.approx(level, abs=4 * np.sqrt(2 * level * (1 - level) / 20_000))
+        assert low[0, 0] < 0 < high[0, 0]

@@ -1,20 +1,21 @@
-"""A network that sees earlier images and is told u: what it can tell, what it asks for, its export."""
+"""A network with earlier images and commands as inputs: what it finds, what it asks for, its export."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
+from schemas import published_schema
 
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.errors import InputError
-from exosight.learning import TrainConfig, export_onnx, load_model, train
+from exosight.learning import TrainConfig, TrainingData, export_onnx, load_model, train
 from exosight.learning.checkpoint import load_checkpoint
-from exosight.learning.config import LONGEST_HISTORY, Settings
+from exosight.learning.config import LONGEST_HISTORY
 from exosight.learning.model_inputs import ModelInputs, stacked
-from exosight.learning.samples import Samples, stacks
+from exosight.learning.training_data import stacks
 
 HISTORY = 2
 TRAINED = np.arange(192)
@@ -22,7 +23,7 @@ JUDGED = np.arange(192, 288)
 
 
 @pytest.fixture(scope="module")
-def moving() -> Samples:
+def moving() -> TrainingData:
     """A blob that goes left or right in paths of four frames: C1 is its way, which no single frame tells.
 
     C2 is where it is, and C3 is u, which no frame tells at all.
@@ -41,18 +42,11 @@ def moving() -> Samples:
     forces[:, 1] = place[:, 0, 0]
     forces[:, 2] = u
     places = np.arange(len(images))
-    return Samples(
-        *(images, forces, TRAINED, JUDGED, forces[:, :0]),
-        u=u,
+    return TrainingData(
+        *(published_schema(32, 32), images, forces, TRAINED, JUDGED, {"designs": 3}),
+        commands=u[:, None],
         previous=np.where(places % count == 0, places, places - 1),
     )
-
-
-def run(samples: Samples, folder: Path, identity: dict, config: TrainConfig, **options) -> Path:
-    index = samples.train_index, samples.validation_index
-    told = {"u": samples.u, "previous": samples.previous, **options}
-    train(config, samples.images, samples.forces, *index, folder, identity, **told)
-    return folder
 
 
 PLAIN = TrainConfig(epochs=12, batch=16, threads=1, precision="float32")
@@ -60,21 +54,23 @@ KNOWING = replace(PLAIN, history=HISTORY, actuation=True)
 
 
 @pytest.fixture(scope="module")
-def knowing(moving: Samples, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return run(moving, tmp_path_factory.mktemp("history") / "run", {"shapes": 3}, KNOWING)
+def knowing(moving: TrainingData, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("history") / "run"
+    train(KNOWING, moving, folder)
+    return folder
 
 
-def shown(samples: Samples, rows: np.ndarray) -> tuple[np.ndarray, ModelInputs]:
+def shown(samples: TrainingData, rows: np.ndarray) -> tuple[np.ndarray, ModelInputs]:
     """Images of some frames, and all that may be shown beside them."""
-    assert samples.u is not None
+    assert samples.commands is not None
     seen = stacks(samples.previous, HISTORY, len(samples.images))[rows]
-    return samples.images[rows], ModelInputs(samples.images[seen[:, 1:]], samples.u[rows])
+    return samples.images[rows], ModelInputs(samples.images[seen[:, 1:]], samples.commands[rows])
 
 
 @pytest.fixture(scope="module")
-def exported(knowing: Path, moving: Samples) -> Path:
+def exported(knowing: Path, moving: TrainingData) -> Path:
     images, inputs = shown(moving, JUDGED)
-    export_onnx(knowing, knowing / "model.onnx", images, moving.forces[JUDGED], inputs)
+    export_onnx(knowing, knowing / "model.onnx", images, moving.labels[JUDGED], inputs)
     return knowing / "model.onnx"
 
 
@@ -84,34 +80,34 @@ def error(estimated: np.ndarray, true: np.ndarray) -> np.ndarray:
     return np.abs(estimated - true).mean(axis=0)[:3] / usual
 
 
-def test_it_tells_what_one_image_cannot(knowing: Path, moving: Samples) -> None:
+def test_it_tells_what_one_image_cannot(knowing: Path, moving: TrainingData) -> None:
     """Which way it moves, and u: with the history or the u of another frame, it is as wrong as a constant."""
-    truth = moving.forces[JUDGED]
+    truth = moving.labels[JUDGED]
     images, inputs = shown(moving, JUDGED)
     assert inputs.history is not None
-    assert inputs.u is not None
+    assert inputs.commands is not None
     other = np.random.default_rng(0).permutation(len(images))
     model = load_model(knowing)
 
-    def answered(history: np.ndarray, u: np.ndarray) -> np.ndarray:
-        stack = stacked(images, ModelInputs(history, u))
+    def answered(history: np.ndarray, commands: np.ndarray) -> np.ndarray:
+        stack = stacked(images, ModelInputs(history, commands))
         with torch.inference_mode():
-            return model(torch.from_numpy(stack).float() / 255, torch.from_numpy(u))[0].numpy()
+            return model(torch.from_numpy(stack).float() / 255, torch.from_numpy(commands))[0].numpy()
 
-    assert error(answered(inputs.history, inputs.u), truth).max() < 0.5
-    assert error(answered(inputs.history[other], inputs.u), truth)[0] > 0.9
-    assert error(answered(inputs.history, inputs.u[other]), truth)[2] > 0.9
+    assert error(answered(inputs.history, inputs.commands), truth).max() < 0.5
+    assert error(answered(inputs.history[other], inputs.commands), truth)[0] > 0.9
+    assert error(answered(inputs.history, inputs.commands[other]), truth)[2] > 0.9
 
 
 def test_export_agrees_with_the_network(exported: Path, knowing: Path) -> None:
     rng = np.random.default_rng(1)
     images = rng.integers(0, 256, (70, 32, 32), np.uint8)
     inputs = ModelInputs(
-        rng.integers(0, 256, (70, HISTORY, 32, 32), np.uint8), rng.uniform(0, 4, 70).astype("f4")
+        rng.integers(0, 256, (70, HISTORY, 32, 32), np.uint8), rng.uniform(0, 4, (70, 1)).astype("f4")
     )
-    assert inputs.u is not None
+    assert inputs.commands is not None
     estimator = OnnxEstimator.load(exported)
-    assert estimator.card.inputs == {"image": [1 + HISTORY, 32, 32], "u": []}
+    assert estimator.card.inputs == {"image": [1 + HISTORY, 32, 32], "commands": [1]}
     assert (estimator.card.history, estimator.card.actuation) == (HISTORY, True)
     assert estimator.card.input.startswith(
         "gray image, float32 in 0…1, (batch, 3, height, width), the newest"
@@ -119,7 +115,7 @@ def test_export_agrees_with_the_network(exported: Path, knowing: Path) -> None:
     found = estimator.read(images, inputs=inputs)
     with torch.inference_mode():
         stack = torch.from_numpy(stacked(images, inputs)).float() / 255
-        forces, _, contact = load_model(knowing)(stack, torch.from_numpy(inputs.u))
+        forces, _, contact = load_model(knowing)(stack, torch.from_numpy(inputs.commands))
     # Batch normalisation is folded into the convolutions, so float32 rounds elsewhere.
     np.testing.assert_allclose(found.forces, forces.numpy(), atol=1e-5)
     # C1 alone touches in some frames and not in others, so the file has shifted its odds.
@@ -127,24 +123,24 @@ def test_export_agrees_with_the_network(exported: Path, knowing: Path) -> None:
 
 
 def test_without_what_it_asks_for_it_says_what_to_give(
-    exported: Path, knowing: Path, moving: Samples, tmp_path: Path
+    exported: Path, knowing: Path, moving: TrainingData, tmp_path: Path
 ) -> None:
     estimator = OnnxEstimator.load(exported)
     images, inputs = shown(moving, JUDGED[:4])
-    expected = r"expects history uint8 \(4, 2, 32, 32\) and u \[N\] float32 \(4,\), got "
+    expected = r"expects history uint8 \(4, 2, 32, 32\) and commands \(u \[N\]\) float32 \(4, 1\), got "
     for wrong, got in (
-        (ModelInputs(), "no history and no u;"),
-        (replace(inputs, u=None), r"history uint8 \(4, 2, 32, 32\) and no u;"),
-        (replace(inputs, history=images[:, None]), r"history uint8 \(4, 1, 32, 32\) and u"),
+        (ModelInputs(), "no history and no commands;"),
+        (replace(inputs, commands=None), r"history uint8 \(4, 2, 32, 32\) and no commands;"),
+        (replace(inputs, history=images[:, None]), r"history uint8 \(4, 1, 32, 32\) and commands"),
     ):
         with pytest.raises(InputError, match=expected + got):
             estimator.read(images, inputs=wrong)
-    with pytest.raises(InputError, match="u: expected finite newtons"):
-        estimator.read(images, inputs=replace(inputs, u=np.full(4, np.nan, np.float32)))
+    with pytest.raises(InputError, match="commands: expected finite numbers"):
+        estimator.read(images, inputs=replace(inputs, commands=np.full((4, 1), np.nan, np.float32)))
     with pytest.raises(InputError, match=r"reads one image alone, .* history 2 and actuation True; give"):
         OnnxEstimator.load(exported, alone=True)
-    with pytest.raises(InputError, match=r"got no history and no u"):
-        export_onnx(knowing, tmp_path / "model.onnx", images, moving.forces[JUDGED[:4]])
+    with pytest.raises(InputError, match=r"got no history and no commands"):
+        export_onnx(knowing, tmp_path / "model.onnx", images, moving.labels[JUDGED[:4]])
     assert not (tmp_path / "model.onnx").exists()
 
 
@@ -153,26 +149,28 @@ def test_a_network_of_one_image_is_shown_nothing_else() -> None:
     estimator = OnnxEstimator.load(DEFAULT_MODEL, alone=True)
     assert estimator.card.inputs == {"image": [1, 128, 128]}
     with pytest.raises(
-        InputError, match=r"expects no history and no u, got no history and u \[N\] float32 \(1,\)"
+        InputError, match=r"expects no history and no commands, got no history and commands float32 \(1, 1\)"
     ):
-        estimator.read(np.zeros((1, 128, 128), np.uint8), inputs=ModelInputs(u=np.zeros(1, np.float32)))
+        estimator.read(
+            np.zeros((1, 128, 128), np.uint8), inputs=ModelInputs(commands=np.zeros((1, 1), np.float32))
+        )
 
 
-@pytest.mark.parametrize(("options", "told"), [({"history": 1}, "previous"), ({"actuation": True}, "u")])
+@pytest.mark.parametrize(
+    ("options", "told"), [({"history": 1}, "previous"), ({"actuation": True}, "commands")]
+)
 def test_training_needs_what_the_network_is_to_see(
-    moving: Samples, tmp_path: Path, identity: dict, options: dict, told: str
+    moving: TrainingData, tmp_path: Path, options: dict, told: str
 ) -> None:
     with pytest.raises(InputError, match=f"got none; give {told}"):
-        run(moving, tmp_path / "run", identity, replace(PLAIN, **options), **{told: None})
+        train(replace(PLAIN, **options), replace(moving, **{told: None}), tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize("options", [{"history": 1}, {"actuation": True}])
-def test_the_paper_network_sees_one_image(
-    moving: Samples, tmp_path: Path, identity: dict, options: dict
-) -> None:
-    with pytest.raises(InputError, match="the paper network sees one image and nothing else"):
-        run(moving, tmp_path / "run", identity, TrainConfig(network="paper", **options))
+def test_the_paper_network_sees_one_image(moving: TrainingData, tmp_path: Path, options: dict) -> None:
+    with pytest.raises(InputError, match="the paper network has one image as its input and nothing else"):
+        train(TrainConfig(network="paper", **options), moving, tmp_path / "run")
 
 
 def test_there_is_an_end_to_the_past() -> None:
@@ -180,7 +178,7 @@ def test_there_is_an_end_to_the_past() -> None:
         TrainConfig(history=LONGEST_HISTORY + 1)
 
 
-def test_a_stopped_run_goes_on_exactly(moving: Samples, tmp_path: Path, identity: dict) -> None:
+def test_a_stopped_run_goes_on_exactly(moving: TrainingData, tmp_path: Path) -> None:
     class Killed(Exception):
         pass
 
@@ -189,17 +187,11 @@ def test_a_stopped_run_goes_on_exactly(moving: Samples, tmp_path: Path, identity
             raise Killed
 
     config = replace(KNOWING, epochs=2)
-    run(moving, tmp_path / "whole", identity, config)
+    train(config, moving, tmp_path / "whole")
     with pytest.raises(Killed):
-        run(moving, tmp_path / "stopped", identity, config, progress=kill)
-    run(moving, tmp_path / "stopped", identity, config, resume=True)
+        train(config, moving, tmp_path / "stopped", progress=kill)
+    train(config, moving, tmp_path / "stopped", resume=True)
     whole, stopped = (load_checkpoint(tmp_path / name).tensors for name in ("whole", "stopped"))
     assert all(torch.equal(tensor, stopped[name]) for name, tensor in whole.items())
     with pytest.raises(InputError, match="its history is 2, asked for is 1"):
-        run(moving, tmp_path / "stopped", identity, replace(config, history=1), resume=True)
-
-
-def test_settings_that_were_saved_before_there_was_past_are_read_as_without(trained: Path) -> None:
-    settings = load_checkpoint(trained).run.settings
-    saved = {name: value for name, value in asdict(settings).items() if name not in ("history", "actuation")}
-    assert TypeAdapter(Settings).validate_python(saved) == settings
+        train(replace(config, history=1), moving, tmp_path / "stopped", resume=True)

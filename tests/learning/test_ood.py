@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 import torch
+from schemas import published_schema
 
-from exosight.learning.networks import ForceModel, build_network
+from exosight.learning.networks import SensorModel, build_network
 from exosight.learning.ood import NOISE, SHARE, OodDetector, fit_ood_detector
 from exosight.vision.corruptions import add_noise
 
@@ -18,23 +19,25 @@ def pictures(count: int, seed: int) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def model() -> ForceModel:
+def model() -> SensorModel:
     """Untrained: random features of a picture tell the blob's place as well."""
-    return ForceModel(build_network("light", (32, 32), 0, 3), torch.ones(7)).eval()
+    return SensorModel(
+        build_network("light", published_schema(32, 32), 0, 3), torch.ones(7), np.ones(7, dtype=bool)
+    ).eval()
 
 
 @pytest.fixture(scope="module")
-def fitted(model: ForceModel) -> OodDetector:
+def fitted(model: SensorModel) -> OodDetector:
     return fit_ood_detector(model, pictures(600, 0)[:, None])
 
 
-def score(model: ForceModel, fitted: OodDetector, images: np.ndarray) -> np.ndarray:
+def score(model: SensorModel, fitted: OodDetector, images: np.ndarray) -> np.ndarray:
     part = torch.from_numpy(images[:, None]).float() / 255
     with torch.inference_mode():
         return fitted(part, model.network.features(part)).numpy()
 
 
-def test_other_pictures_score_higher_than_any_of_the_family(model: ForceModel, fitted: OodDetector) -> None:
+def test_other_pictures_score_higher_than_any_of_the_family(model: SensorModel, fitted: OodDetector) -> None:
     alike = score(model, fitted, pictures(300, 1))
     rng = np.random.default_rng(2)
     stripes = np.tile(np.uint8(255) * (np.arange(32, dtype=np.uint8) // 4 % 2), (20, 32, 1))
@@ -46,7 +49,7 @@ def test_other_pictures_score_higher_than_any_of_the_family(model: ForceModel, f
 
 
 def test_the_family_is_under_the_limit_with_the_noise_that_it_allows(
-    model: ForceModel, fitted: OodDetector
+    model: SensorModel, fitted: OodDetector
 ) -> None:
     alike = score(model, fitted, pictures(300, 1))
     assert np.mean(alike) < 1  # the floor of what counts as usual makes it smaller
@@ -56,7 +59,7 @@ def test_the_family_is_under_the_limit_with_the_noise_that_it_allows(
     assert np.mean(score(model, fitted, noisy) < fitted.limit) > SHARE - 4 * np.sqrt(0.01 / 300)
 
 
-def test_contrast_does_not_matter(model: ForceModel, fitted: OodDetector) -> None:
+def test_contrast_does_not_matter(model: SensorModel, fitted: OodDetector) -> None:
     images = pictures(50, 5)
     faded = (60 + 0.5 * images).astype(np.uint8)
     # What is left of it: rounding to whole grays, and the floor of 1/100 under the standard deviation.

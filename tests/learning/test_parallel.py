@@ -15,11 +15,10 @@ import torch.distributed as dist
 from safetensors.torch import load_file
 
 from exosight.errors import InputError
-from exosight.learning import read_history
+from exosight.learning import TrainingData, read_history
 from exosight.learning.checkpoint import CHECKPOINT_NAME, Checkpoint, load_checkpoint
 from exosight.learning.parallel import join
 from exosight.learning.process_group import SINGLE, ProcessGroup
-from exosight.learning.samples import Samples
 from exosight.learning.training import BOARD_NAME
 
 PROGRAM = Path(__file__).with_name("two_processes.py")
@@ -44,7 +43,7 @@ class Runs(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory, blobs: Samples) -> Runs:
+def runs(tmp_path_factory: pytest.TempPathFactory, blobs: TrainingData) -> Runs:
     if not (hasattr(os, "fork") and dist.is_available() and dist.is_gloo_available()):
         pytest.skip("needs fork, and a PyTorch with gloo")
     try:
@@ -53,9 +52,10 @@ def runs(tmp_path_factory: pytest.TempPathFactory, blobs: Samples) -> Runs:
     except OSError as error:
         pytest.skip(f"needs a free port of this machine: {error}")
     folder = tmp_path_factory.mktemp("two_processes")
-    np.savez(folder / "samples.npz", **{name: each for name, each in vars(blobs).items() if each is not None})
+    np.savez(folder / "samples.npz", **{n: x for n, x in vars(blobs).items() if isinstance(x, np.ndarray)})
     words = [sys.executable, str(PROGRAM), str(folder)]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=300, check=False)
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    done = subprocess.run(words, env=env, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
     lines = [line.split() for line in done.stdout.splitlines()]
     return Runs(folder, {(name, int(rank)): int(code) for name, rank, code in lines})

@@ -7,17 +7,27 @@ import numpy as np
 import onnx
 import pytest
 import torch
+from schemas import mixed_schema, published_schema
 
 from exosight.errors import DataError, InputError
-from exosight.learning import TrainConfig, export_onnx, load_model, load_pretrained, read_history, train
+from exosight.learning import (
+    TrainConfig,
+    TrainingData,
+    export_onnx,
+    load_model,
+    load_pretrained,
+    read_history,
+    train,
+)
 from exosight.learning.checkpoint import RunIdentity, load_checkpoint
 from exosight.learning.config import PRETRAINED_SHARE, resolve
 from exosight.learning.model_file import open_model, seal
 from exosight.learning.model_inputs import ModelInputs
-from exosight.learning.networks import ForceModel, Network, build_network
+from exosight.learning.networks import Network, SensorModel, build_network
+from exosight.learning.outputs import nonnegative
 from exosight.learning.pretrained import Pretrained, first_weights
 from exosight.learning.recipes import RECIPES
-from exosight.learning.samples import Samples
+from exosight.system.schema import Schema
 
 _KINDS = {
     "light": (TrainConfig(epochs=2, batch=16, threads=1, precision="float32"), (40, 40)),
@@ -30,9 +40,9 @@ _KINDS = {
 
 
 @pytest.fixture(scope="module")
-def pretrained(trained: Path, blobs: Samples, tmp_path_factory: pytest.TempPathFactory) -> Pretrained:
+def pretrained(trained: Path, blobs: TrainingData, tmp_path_factory: pytest.TempPathFactory) -> Pretrained:
     path = tmp_path_factory.mktemp("pretrained") / "light.onnx"
-    export_onnx(trained, path, blobs.images[64:], blobs.forces[64:])
+    export_onnx(trained, path, blobs.images[64:], blobs.labels[64:])
     return load_pretrained(path)
 
 
@@ -49,26 +59,31 @@ def test_it_answers_as_the_file_whatever_the_units_of_its_forces(
     config, size = _KINDS[kind]
     rng = np.random.default_rng(4)
     images = rng.integers(0, 256, (24, *size), np.uint8)
-    forces = rng.random((24, 7), dtype=np.float32)
-    u, previous = rng.uniform(0, 4, 24).astype(np.float32), np.maximum(np.arange(24) - 1, 0)
-    train(
-        config, images, forces, np.arange(16), np.arange(16, 24), tmp_path, identity, u=u, previous=previous
+    labels = rng.random((24, 7), dtype=np.float32)
+    commands, previous = rng.uniform(0, 4, (24, 1)).astype(np.float32), np.maximum(np.arange(24) - 1, 0)
+    data = TrainingData(
+        *(published_schema(*size), images, labels, np.arange(16), np.arange(16, 24), identity),
+        commands=commands,
+        previous=previous,
     )
+    train(config, data, tmp_path)
     history = images[previous][:, None] if config.history else None
-    told = u if config.actuation else None
-    export_onnx(tmp_path, tmp_path / "model.onnx", images, forces, ModelInputs(history, told))
+    given_commands = commands if config.actuation else None
+    export_onnx(tmp_path, tmp_path / "model.onnx", images, labels, ModelInputs(history, given_commands))
 
     session, card = open_model(tmp_path / "model.onnx", 1)
     seen = rng.random((8, *card.inputs["image"]), dtype=np.float32)
-    given = {"image": seen, "u": u[:8]} if config.actuation else {"image": seen}
+    given = {"image": seen, "commands": commands[:8]} if config.actuation else {"image": seen}
     expected = session.run(["forces", "expected_error"], given)
 
     run = load_checkpoint(tmp_path).run
-    mine = replace(run, force_scale=tuple(rng.uniform(0.1, 3, 7).tolist()))
-    asked = torch.from_numpy(seen), torch.from_numpy(u[:8]) if config.actuation else None
+    mine = replace(run, output_scale=tuple(rng.uniform(0.1, 3, 7).tolist()))
+    asked = torch.from_numpy(seen), torch.from_numpy(commands[:8]) if config.actuation else None
     weights = first_weights(load_pretrained(tmp_path / "model.onnx"), mine, *asked)
     with torch.inference_mode():
-        model = ForceModel(as_network(mine, weights), torch.tensor(mine.force_scale)).eval()
+        model = SensorModel(
+            as_network(mine, weights), torch.tensor(mine.output_scale), nonnegative(mine.schema)
+        ).eval()
         found = model(*asked)
     # Folded and unfolded again: float32 rounds elsewhere, and forces are of order one.
     np.testing.assert_allclose(found[0].numpy(), expected[0], atol=2e-5)
@@ -77,7 +92,7 @@ def test_it_answers_as_the_file_whatever_the_units_of_its_forces(
 
 
 def test_images_are_normalised_by_their_own_mean_and_deviation(
-    pretrained: Pretrained, trained: Path, blobs: Samples
+    pretrained: Pretrained, trained: Path, blobs: TrainingData
 ) -> None:
     """In training, where each batch is, the answers are the same: nothing is lost in the first step."""
     run = load_checkpoint(trained).run
@@ -87,19 +102,22 @@ def test_images_are_normalised_by_their_own_mean_and_deviation(
         still, moving = network.eval()(images), network.train()(images)
     # Channels that are zero throughout are divided by the root of their 1e-5.
     np.testing.assert_allclose(moving.numpy(), still.numpy(), atol=1e-3)
-    fresh = build_network("light", run.image_size, 2, 0)
+    fresh = build_network("light", run.schema, 2, 0)
     with torch.no_grad():
         gap = (fresh.train()(images) - fresh.eval()(images)).abs().max()
     assert gap > 0.1  # where it is not so, it shows
 
 
 def test_a_run_begins_where_the_other_ended(
-    pretrained: Pretrained, trained: Path, blobs: Samples, small: TrainConfig, tmp_path: Path, identity: dict
+    pretrained: Pretrained,
+    trained: Path,
+    blobs: TrainingData,
+    small: TrainConfig,
+    tmp_path: Path,
+    identity: dict,
 ) -> None:
     still = replace(small, recipe="clean", epochs=1, learning_rate=1e-9)
-    index = blobs.train_index, blobs.validation_index
-    told: dict = {"auxiliary": blobs.auxiliary, "pretrained": pretrained}
-    train(still, blobs.images, blobs.forces, *index, tmp_path / "run", identity, **told)
+    train(still, blobs, tmp_path / "run", pretrained=pretrained)
     images = torch.from_numpy(blobs.images[64:]).float()[:, None] / 255
     with torch.inference_mode():
         before, after = (load_model(folder)(images)[0] for folder in (trained, tmp_path / "run"))
@@ -111,32 +129,25 @@ def test_a_run_begins_where_the_other_ended(
 
 
 def test_it_is_ahead_of_random_weights(
-    pretrained: Pretrained, blobs: Samples, small: TrainConfig, tmp_path: Path, identity: dict
+    pretrained: Pretrained, blobs: TrainingData, small: TrainConfig, tmp_path: Path, identity: dict
 ) -> None:
-    config, index = replace(small, epochs=1), (blobs.train_index, blobs.validation_index)
+    config = replace(small, epochs=1)
     losses = []
     for name, first in (("random", None), ("learned", pretrained)):
         folder = tmp_path / name
-        train(
-            config,
-            *(blobs.images, blobs.forces, *index, folder, identity),
-            auxiliary=blobs.auxiliary,
-            pretrained=first,
-        )
+        train(config, blobs, folder, pretrained=first)
         losses.append(read_history(folder)[0].validation_loss or np.inf)
     assert losses[1] < 0.7 * losses[0]
 
 
 def test_a_run_is_taken_up_only_with_the_same_start(
-    pretrained: Pretrained, blobs: Samples, small: TrainConfig, tmp_path: Path, identity: dict
+    pretrained: Pretrained, blobs: TrainingData, small: TrainConfig, tmp_path: Path, identity: dict
 ) -> None:
     """Killed after its first epoch and taken up, it ends as one that never stopped, to the last bit."""
     config = replace(small, epochs=2)
-    index = blobs.train_index, blobs.validation_index
 
     def go(folder: Path, **options) -> None:
-        asked = {"auxiliary": blobs.auxiliary, **options}
-        train(config, blobs.images, blobs.forces, *index, folder, identity, **asked)
+        train(config, blobs, folder, **options)
 
     def stop(at) -> None:
         if at.epoch == 2:
@@ -165,36 +176,39 @@ def test_it_is_driven_less_hard() -> None:
 
 
 @pytest.mark.parametrize(
-    ("config", "size", "said"),
+    ("config", "schema", "said"),
     [
-        (TrainConfig(network="paper"), (128, 128), "its network is light, asked for is paper"),
-        (TrainConfig(), (64, 40), r"its image size is \(40, 40\), asked for is \(64, 40\)"),
-        (TrainConfig(history=2), (40, 40), "its history is 0, asked for is 2"),
-        (TrainConfig(actuation=True), (40, 40), "its actuation is False, asked for is True"),
+        (
+            TrainConfig(),
+            published_schema(64, 40),
+            "for another system: camera camera: expected height 40, got 64",
+        ),
+        (
+            TrainConfig(),
+            mixed_schema(40, 40),
+            "for another system: expected the sensors C0, C1, .* got zone_0, ",
+        ),
+        (TrainConfig(history=2), published_schema(40, 40), "its history is 0, asked for is 2"),
+        (TrainConfig(actuation=True), published_schema(40, 40), "its actuation is False, asked for is True"),
     ],
 )
 def test_a_network_of_another_kind_is_refused(
-    config: TrainConfig,
-    size: tuple[int, int],
-    said: str,
-    pretrained: Pretrained,
-    tmp_path: Path,
-    identity: dict,
+    config: TrainConfig, schema: Schema, said: str, pretrained: Pretrained, tmp_path: Path, identity: dict
 ) -> None:
-    images, forces = np.zeros((24, *size), np.uint8), np.ones((24, 7), np.float32)
-    told = {"u": np.zeros(24, np.float32), "previous": np.arange(24)}
-    with pytest.raises(InputError, match=f"pretrained: {said}; start from one of the same kind"):
-        train(
-            replace(config, batch=8),
-            *(images, forces, np.arange(16), np.arange(16, 24), tmp_path / "run", identity),
-            pretrained=pretrained,
-            **told,
-        )
+    images = np.zeros((24, schema.cameras[0].height, schema.cameras[0].width), np.uint8)
+    data = TrainingData(
+        *(schema, images, np.ones((24, len(schema.outputs)), np.float32)),
+        *(np.arange(16), np.arange(16, 24), identity),
+        commands=np.zeros((24, len(schema.channels)), np.float32),
+        previous=np.arange(24),
+    )
+    with pytest.raises(InputError, match=f"pretrained: .*{said}.*; start from one of the same kind"):
+        train(replace(config, batch=8), data, tmp_path / "run", pretrained=pretrained)
     assert not (tmp_path / "run").exists()
 
 
 def test_other_layers_than_ours_are_refused(
-    pretrained: Pretrained, trained: Path, blobs: Samples, small: TrainConfig
+    pretrained: Pretrained, trained: Path, blobs: TrainingData, small: TrainConfig
 ) -> None:
     run = load_checkpoint(trained).run
     images = torch.from_numpy(blobs.images[:8]).float()[:, None] / 255
@@ -206,9 +220,9 @@ def test_other_layers_than_ours_are_refused(
         first_weights(replace(pretrained, weights=other), run, images, None)
 
 
-def test_what_is_not_a_finite_weight_is_refused(trained: Path, blobs: Samples, tmp_path: Path) -> None:
+def test_what_is_not_a_finite_weight_is_refused(trained: Path, blobs: TrainingData, tmp_path: Path) -> None:
     path = tmp_path / "light.onnx"
-    export_onnx(trained, path, blobs.images[64:], blobs.forces[64:])
+    export_onnx(trained, path, blobs.images[64:], blobs.labels[64:])
     proto = onnx.load(path)
     del proto.metadata_props[-1]  # its seal
     (broken,) = [x for x in proto.graph.initializer if x.name == "model.network.10.weight"]

@@ -6,12 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from schemas import published_schema
 from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
 
 from exosight.errors import InputError
-from exosight.learning import EpochRecord, TrainConfig, TrainResult, load_model, read_history, train, training
+from exosight.learning import (
+    EpochRecord,
+    TrainConfig,
+    TrainingData,
+    TrainResult,
+    load_model,
+    read_history,
+    train,
+    training,
+)
 from exosight.learning.checkpoint import CHECKPOINT_NAME, Checkpoint, load_checkpoint
-from exosight.learning.samples import Samples
 from exosight.learning.training import BOARD_NAME, Progress
 
 Identity = dict[str, str | int | float]
@@ -29,10 +38,8 @@ def kill_after(step: int) -> Callable[[Progress], None]:
     return check
 
 
-def run(config: TrainConfig, samples: Samples, folder: Path, identity: Identity, **options) -> TrainResult:
-    index = (samples.train_index, samples.validation_index)
-    images, forces = samples.images, samples.forces
-    return train(config, images, forces, *index, folder, identity, auxiliary=samples.auxiliary, **options)
+def run(config: TrainConfig, data: TrainingData, folder: Path, identity: Identity, **options) -> TrainResult:
+    return train(config, replace(data, identity=identity), folder, **options)
 
 
 def without_seconds(history: tuple[EpochRecord, ...]) -> list[EpochRecord]:
@@ -48,14 +55,14 @@ def assert_same_to_the_last_bit(first: Checkpoint, second: Checkpoint) -> None:
         assert torch.equal(tensor, second.tensors[name]), name
 
 
-def test_light_network_learns_64_images_by_heart(tmp_path: Path, blobs: Samples, identity: Identity):
+def test_light_network_learns_64_images_by_heart(tmp_path: Path, blobs: TrainingData, identity: Identity):
     run(TrainConfig(epochs=120, batch=16, threads=1, seed=1), blobs, tmp_path / "run", identity)
     with torch.inference_mode():
         forces = load_model(tmp_path / "run")(torch.from_numpy(blobs.images[:64, None]) / 255)[0].numpy()
-    error = np.abs(forces - blobs.forces[:64]).mean(axis=0)
+    error = np.abs(forces - blobs.labels[:64]).mean(axis=0)
     # 480 steps with moves, noise and fading reach about 10 % of the spread; the median alone about 80 %.
     varying = [0, 1, 2, 3, 4, 6]
-    assert (error[varying] < 0.25 * blobs.forces[:64, varying].std(axis=0)).all()
+    assert (error[varying] < 0.25 * blobs.labels[:64, varying].std(axis=0)).all()
     assert error[5] < 1e-3
     # Both curves are of the forces alone: the further answers' share falls below zero as they are learned.
     last = read_history(tmp_path / "run")[-1]
@@ -65,7 +72,7 @@ def test_light_network_learns_64_images_by_heart(tmp_path: Path, blobs: Samples,
 
 @pytest.mark.parametrize("step", [1, 12, 13, 15])
 def test_a_killed_run_resumes_exactly(
-    tmp_path: Path, trained: Path, blobs: Samples, small: TrainConfig, identity: Identity, step: int
+    tmp_path: Path, trained: Path, blobs: TrainingData, small: TrainConfig, identity: Identity, step: int
 ):
     """Killed in the first epoch, just before the third one's checkpoint, just after it, and in the fourth."""
     with pytest.raises(Killed):
@@ -79,7 +86,7 @@ def test_a_killed_run_resumes_exactly(
 def test_a_run_killed_within_a_long_epoch_loses_nothing_that_was_saved(
     tmp_path: Path,
     trained: Path,
-    blobs: Samples,
+    blobs: TrainingData,
     small: TrainConfig,
     identity: Identity,
     step: int,
@@ -94,7 +101,7 @@ def test_a_run_killed_within_a_long_epoch_loses_nothing_that_was_saved(
 
 
 def test_resuming_a_completed_run_changes_nothing(
-    trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    trained: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
     before = (trained / CHECKPOINT_NAME).read_bytes()
     result = run(small, blobs, trained, identity, resume=True)
@@ -104,21 +111,21 @@ def test_resuming_a_completed_run_changes_nothing(
 
 
 def test_resume_starts_a_run_where_there_is_none(
-    tmp_path: Path, trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    tmp_path: Path, trained: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
     run(small, blobs, tmp_path / "new" / "run", identity, resume=True)
     assert_same_to_the_last_bit(load_checkpoint(tmp_path / "new" / "run"), load_checkpoint(trained))
 
 
 def test_another_seed_is_another_run(
-    tmp_path: Path, trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    tmp_path: Path, trained: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
     run(replace(small, seed=6), blobs, tmp_path / "run", identity)
     assert without_seconds(read_history(tmp_path / "run")) != without_seconds(read_history(trained))
 
 
 def test_global_state_of_pytorch_is_left_alone(
-    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    tmp_path: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
     random, threads = torch.get_rng_state(), torch.get_num_threads()
     run(replace(small, epochs=1, threads=threads + 1), blobs, tmp_path / "run", identity)
@@ -135,21 +142,21 @@ def test_history_counts_epochs_steps_and_rates(trained: Path):
     assert sorted(record.seconds for record in history) == [record.seconds for record in history]
 
 
-def test_validation_losses_are_those_of_the_kept_network(trained: Path, blobs: Samples):
+def test_validation_losses_are_those_of_the_kept_network(trained: Path, blobs: TrainingData):
     checkpoint = load_checkpoint(trained)
     best = checkpoint.history[checkpoint.position.best_epoch - 1]
     with torch.inference_mode():
         forces = load_model(trained)(torch.from_numpy(blobs.images[64:, None]) / 255)[0].numpy()
-    error = np.abs(forces - blobs.forces[64:])
+    error = np.abs(forces - blobs.labels[64:])
     # Single precision, summed in another order.
     assert best.validation_l1 == pytest.approx(error.mean(), rel=1e-5)
-    scaled = error / checkpoint.run.force_scale
+    scaled = error / checkpoint.run.output_scale
     huber = np.where(scaled < 1, scaled**2 / 2, scaled - 0.5)
     assert best.validation_loss == pytest.approx(huber.mean(), rel=1e-5)
 
 
 def test_paper_recipe_validates_every_fifth_epoch_and_stops_when_stalled(
-    tmp_path: Path, blobs: Samples, identity: Identity, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, blobs: TrainingData, identity: Identity, monkeypatch: pytest.MonkeyPatch
 ):
     scripted = iter([1.0, 0.8, 0.9, 0.8, 0.85, 0.9, 0.8, 0.1])
     monkeypatch.setattr(training, "_validate", lambda *_: (next(scripted), 0.5))
@@ -161,22 +168,21 @@ def test_paper_recipe_validates_every_fifth_epoch_and_stops_when_stalled(
     assert result.best.epoch == 10
     rates = {record.epoch: record.learning_rate for record in result.history}
     assert [rates[epoch] for epoch in (1, 20, 21, 30, 31)] == pytest.approx([2e-4, 2e-4, 2e-5, 2e-5, 2e-6])
-    assert load_checkpoint(tmp_path / "run").run.force_scale == (1.0,) * 7
+    assert load_checkpoint(tmp_path / "run").run.output_scale == (1.0,) * 7
 
 
 def test_paper_network_trains(tmp_path: Path, identity: Identity):
     images = np.zeros((4, 128, 128), np.uint8)
     images[:, :, :64] = np.arange(4)[:, None, None] * 80
-    samples = Samples(
-        images, np.ones((4, 7), np.float32), np.arange(3), np.arange(3, 4), np.zeros((4, 2), np.float32)
-    )
+    schema = published_schema()
+    samples = TrainingData(schema, images, np.ones((4, 7), np.float32), np.arange(3), np.arange(3, 4), {})
     result = run(TrainConfig(network="paper", epochs=2, threads=1), samples, tmp_path / "run", identity)
     assert result.best.epoch == 2
     assert result.history[0].validation_loss is None
 
 
 def test_a_folder_that_holds_a_run_is_refused(
-    trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    trained: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
     before = (trained / CHECKPOINT_NAME).read_bytes()
     with pytest.raises(InputError, match="already holds a training run"):
@@ -185,7 +191,7 @@ def test_a_folder_that_holds_a_run_is_refused(
 
 
 def test_a_history_without_its_checkpoint_is_not_overwritten(
-    tmp_path: Path, trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    tmp_path: Path, trained: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
     (tmp_path / "history.csv").write_bytes((trained / "history.csv").read_bytes())
     with pytest.raises(InputError, match="without its checkpoint"):
@@ -193,7 +199,7 @@ def test_a_history_without_its_checkpoint_is_not_overwritten(
 
 
 def test_other_files_in_the_folder_are_left_alone(
-    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    tmp_path: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
     (tmp_path / "config.json").write_text("mine")
     run(replace(small, epochs=1), blobs, tmp_path, identity)
@@ -212,19 +218,25 @@ def test_other_files_in_the_folder_are_left_alone(
     ],
 )
 def test_resuming_another_configuration_is_refused(
-    trained: Path, blobs: Samples, small: TrainConfig, identity: Identity, other: dict, message: str
+    trained: Path, blobs: TrainingData, small: TrainConfig, identity: Identity, other: dict, message: str
 ):
     with pytest.raises(InputError, match=message):
         run(replace(small, **other), blobs, trained, identity, resume=True)
 
 
 def test_resuming_with_other_data_is_refused(
-    trained: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    trained: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
     with pytest.raises(InputError, match=r"its young is 300000\.0, asked for is 200000\.0"):
         run(small, blobs, trained, identity | {"young": 200e3}, resume=True)
     with pytest.raises(InputError, match="its note is None"):
         run(small, blobs, trained, identity | {"note": "more"}, resume=True)
+    limited = replace(blobs.schema.sensors[1], name="C1_tip")
+    other = replace(blobs.schema, sensors=(blobs.schema.sensors[0], limited, *blobs.schema.sensors[2:8]))
+    with pytest.raises(
+        InputError, match=r"of another system: expected the sensors C0, C1, .*, got C0, C1_tip"
+    ):
+        run(small, replace(blobs, schema=other), trained, identity, resume=True)
     images = blobs.images.copy()
     images[0, 0, 0] ^= 1
     with pytest.raises(InputError, match="frames or their split are others"):
@@ -232,12 +244,14 @@ def test_resuming_with_other_data_is_refused(
 
 
 def test_refused_frames_leave_no_folder(
-    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    tmp_path: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
-    forces = blobs.forces.copy()
-    forces[2, 2] = np.nan
-    with pytest.raises(InputError, match="finite magnitudes"):
-        run(small, replace(blobs, forces=forces), tmp_path / "run", identity)
+    labels = blobs.labels.copy()
+    labels[2, 2] = np.nan
+    with pytest.raises(
+        InputError, match="finite numbers, and forces of at least 0, got nan for C3 in frame 2"
+    ):
+        run(small, replace(blobs, labels=labels), tmp_path / "run", identity)
     with pytest.raises(InputError, match="share 1 frames"):
         run(small, replace(blobs, validation_index=np.array([0])), tmp_path / "run", identity)
     with pytest.raises(InputError, match="128×128"):
@@ -248,7 +262,11 @@ def test_refused_frames_leave_no_folder(
 
 
 def test_a_loss_that_is_not_finite_ends_the_run_and_keeps_its_checkpoint(
-    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
+    blobs: TrainingData,
+    small: TrainConfig,
+    identity: Identity,
+    monkeypatch: pytest.MonkeyPatch,
 ):
     losses = iter([(1.0, 1.0)] * 6)
     monkeypatch.setattr(training, "_step", lambda *_: next(losses, (float("nan"), 1.0)))
@@ -258,7 +276,7 @@ def test_a_loss_that_is_not_finite_ends_the_run_and_keeps_its_checkpoint(
 
 
 def test_progress_is_told_after_every_step(
-    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    tmp_path: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ):
     told: list[Progress] = []
     run(replace(small, epochs=2), blobs, tmp_path / "run", identity, progress=told.append)
@@ -270,13 +288,13 @@ def test_progress_is_told_after_every_step(
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="needs a machine without a GPU")
-def test_a_missing_gpu_is_said(tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity):
+def test_a_missing_gpu_is_said(tmp_path: Path, blobs: TrainingData, small: TrainConfig, identity: Identity):
     with pytest.raises(InputError, match="no GPU"):
         run(replace(small, device="cuda"), blobs, tmp_path / "run", identity)
 
 
 def test_tensorboard_reads_the_curves_of_a_run_that_was_stopped(
-    tmp_path: Path, blobs: Samples, small: TrainConfig, identity: Identity
+    tmp_path: Path, blobs: TrainingData, small: TrainConfig, identity: Identity
 ) -> None:
     """Once each, in the format of its event files: length, checksum, record, checksum."""
     with pytest.raises(Killed):

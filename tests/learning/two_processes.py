@@ -17,19 +17,19 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch._dynamo  # as the first optimiser in a process does, which takes a second
+from schemas import published_schema
 from torch import nn
 from torch.distributed import TCPStore
 
 from exosight.errors import ExosightError, InputError
-from exosight.learning import TrainConfig, train, training
+from exosight.learning import FrameBlock, TrainConfig, TrainingData, train, training
 from exosight.learning.checkpoint import RunIdentity
 from exosight.learning.networks import Network
-from exosight.learning.online_simulation import FrameBlock
 from exosight.learning.parallel import join
 from exosight.learning.process_group import ProcessGroup
-from exosight.learning.samples import Samples
+from exosight.learning.training_data import FrameBlocks
 
-Work = Callable[[ProcessGroup, Samples, Path], None]
+Work = Callable[[ProcessGroup, TrainingData, Path], None]
 
 MODERN = TrainConfig(epochs=3, batch=16, threads=1, seed=5, precision="float32")
 CLEAN = replace(MODERN, recipe="clean", batch=13)
@@ -40,11 +40,11 @@ def plain_network(identity: RunIdentity):
     with torch.random.fork_rng():
         torch.manual_seed(identity.settings.seed)
         outputs = 21 + len(identity.auxiliary_scale)
-        return Network(nn.Flatten(), nn.Linear(1600, 32), nn.ReLU(), nn.Linear(32, outputs))
+        return Network(7, nn.Flatten(), nn.Linear(1600, 32), nn.ReLU(), nn.Linear(32, outputs))
 
 
-def blocks(samples: Samples):
-    """Ten fresh frames for each epoch: those of validation, mirrored and shifted."""
+def blocks(samples: TrainingData):
+    """Ten simulated frames for each epoch: those of validation, mirrored and shifted."""
 
     def produce(first: int) -> Iterator[FrameBlock]:
         kept = samples.validation_index[:10]
@@ -52,16 +52,18 @@ def blocks(samples: Samples):
             first += 1
             images = np.roll(samples.images[kept, ::-1], first, axis=2).copy()
             alone = np.arange(len(kept))
-            yield FrameBlock(images, samples.forces[kept], samples.auxiliary[kept], np.float32(alone), alone)
+            yield FrameBlock(
+                images, samples.labels[kept], samples.auxiliary[kept], np.float32(alone)[:, None], alone
+            )
 
     return produce
 
 
-def whole(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+def whole(group: ProcessGroup, samples: TrainingData, folder: Path) -> None:
     run(group, samples, folder / "whole", MODERN)
 
 
-def killed(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+def killed(group: ProcessGroup, samples: TrainingData, folder: Path) -> None:
     def kill(progress) -> None:
         if progress.step == 7:
             os.kill(os.getpid(), signal.SIGKILL)
@@ -69,11 +71,11 @@ def killed(group: ProcessGroup, samples: Samples, folder: Path) -> None:
     run(group, samples, folder / "killed", MODERN, progress=kill)
 
 
-def resumed(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+def resumed(group: ProcessGroup, samples: TrainingData, folder: Path) -> None:
     run(group, samples, folder / "killed", MODERN, resume=True)
 
 
-def plain(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+def plain(group: ProcessGroup, samples: TrainingData, folder: Path) -> None:
     RunIdentity.build_network = plain_network
     online_blocks = blocks(samples) if group.first else unwanted
     name = f"plain{group.size}" if group.first else f"plain{group.size}_second"
@@ -84,7 +86,7 @@ def unwanted(first: int):
     raise AssertionError("only the first process makes fresh frames")
 
 
-def failed(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+def failed(group: ProcessGroup, samples: TrainingData, folder: Path) -> None:
     step, steps = training._step, iter(range(6))
 
     def until_the_sixth(*arguments) -> float:
@@ -97,22 +99,24 @@ def failed(group: ProcessGroup, samples: Samples, folder: Path) -> None:
     run(group, samples, folder / "failed", MODERN)
 
 
-def at_odds(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+def at_odds(group: ProcessGroup, samples: TrainingData, folder: Path) -> None:
     run(group, samples, folder / "at_odds", replace(MODERN, seed=group.rank))
 
 
-def too_small(group: ProcessGroup, samples: Samples, folder: Path) -> None:
+def too_small(group: ProcessGroup, samples: TrainingData, folder: Path) -> None:
     few = replace(samples, train_index=samples.train_index[:3])
     run(group, few, folder / "too_small", MODERN)
 
 
-def run(group: ProcessGroup, samples: Samples, folder: Path, config: TrainConfig, **options) -> None:
-    index = (samples.train_index, samples.validation_index)
-    identity = {"camera": "512 px/m"}
-    train(
-        config, samples.images, samples.forces, *index, folder, identity,
-        auxiliary=samples.auxiliary, group=group, **options,
-    )  # fmt: skip
+def run(
+    group: ProcessGroup,
+    samples: TrainingData,
+    folder: Path,
+    config: TrainConfig,
+    online_blocks: FrameBlocks | None = None,
+    **options,
+) -> None:
+    train(config, replace(samples, online_blocks=online_blocks), folder, group=group, **options)
 
 
 TWO = (whole, killed, resumed, plain, failed, at_odds, too_small)
@@ -128,7 +132,12 @@ def process(work: Work, rank: int, size: int, port: int, folder: Path) -> int:
     torchrun = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(port), "TORCHELASTIC_USE_AGENT_STORE": "True"}
     os.environ |= ranks | torchrun
     with np.load(folder / "samples.npz") as stored:
-        samples = Samples(**stored)
+        samples = TrainingData(
+            schema=published_schema(40, 40),
+            identity={"camera": "512 px/m"},
+            auxiliary_units=("N", "N"),
+            **stored,
+        )
     try:
         with join("cpu") as group:
             work(group, samples, folder)

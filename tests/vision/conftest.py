@@ -1,12 +1,10 @@
 """Clean pictures of made-up bodies: a bent dark tube over a lighter straight one."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
 from exosight.vision import Camera, Tube, render
-from exosight.vision.appearance import Appearance, AppearanceVariation, draw_appearance
+from exosight.vision.augment import Appearance
 
 SIDE = 128
 CAMERA = Camera()
@@ -40,10 +38,4 @@ def cover() -> np.ndarray:
 @pytest.fixture(scope="session")
 def plain():
     """Appearances that change nothing but what they are told: plain(frames, roll=0.1)."""
-
-    def make(frames: int, **change: float) -> Appearance:
-        nothing = draw_appearance(AppearanceVariation(), 0, np.arange(frames))
-        columns = {name: np.full(frames, float(value)) for name, value in change.items()}
-        return dataclasses.replace(nothing, **columns)
-
-    return make
+    return Appearance.neutral

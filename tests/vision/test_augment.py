@@ -147,7 +147,7 @@ def test_gamma_is_a_power_that_keeps_black_and_white(plain, gamma) -> None:
 
 @pytest.mark.parametrize("variance", [0.001, 0.01])
 def test_noise_is_the_papers(plain, variance: float) -> None:
-    seen = augment(flat(127), dataclasses.replace(plain(4, noise=variance), seed=np.arange(4.0)))
+    seen = augment(flat(127), plain(4, noise=variance, seed=np.arange(4.0)))
     change = (seen.astype(float) - 127) / 255
     # Five standard errors, as for `add_noise`; rounding to grays adds 1/12 gray².
     assert change.mean() == pytest.approx(0.01, abs=5 * np.sqrt(variance / change.size))
@@ -157,7 +157,7 @@ def test_noise_is_the_papers(plain, variance: float) -> None:
 
 
 def test_noise_is_white_and_differs_from_frame_to_frame(plain) -> None:
-    seen = augment(flat(127), dataclasses.replace(plain(4, noise=0.01), seed=np.arange(4.0))).astype(float)
+    seen = augment(flat(127), plain(4, noise=0.01, seed=np.arange(4.0))).astype(float)
     noise = seen - seen.mean()
     for pair in (
         (noise[:, 1:], noise[:, :-1]),
@@ -171,7 +171,7 @@ def test_noise_is_white_and_differs_from_frame_to_frame(plain) -> None:
 
 @pytest.mark.parametrize("gray", [50, 100, 200])
 def test_variance_of_shot_noise_is_proportional_to_brightness(plain, gray: int) -> None:
-    seen = augment(flat(gray), dataclasses.replace(plain(4, shot=0.002), seed=np.arange(4.0))).astype(float)
+    seen = augment(flat(gray), plain(4, shot=0.002, seed=np.arange(4.0))).astype(float)
     expected = 0.002 * gray / 255 * 255**2 + 1 / 12
     assert seen.var() == pytest.approx(expected, rel=5 * np.sqrt(2 / seen.size) + 1e-4)
     assert seen.mean() == pytest.approx(gray, abs=5 * np.sqrt(expected / seen.size))

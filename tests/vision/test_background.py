@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exosight.vision.appearance import BACKGROUND_KINDS
 from exosight.vision.background import background
+from exosight.vision.transforms.composition import BACKGROUND_KINDS
 
 SHAPE = (96, 128)
 

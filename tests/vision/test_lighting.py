@@ -6,13 +6,13 @@ from pydantic import ValidationError
 
 from exosight.errors import InputError
 from exosight.vision import BACKGROUND, Camera, Light, LightingVariation, Tube, draw_lighting, render
-from exosight.vision.lighting import EXOSUIT_SHADE, FINGER_SHADE
 from exosight.vision.renderer import AMBIENT, LAMP, draw
 
 CAMERA = Camera(centre=(0.0, 0.0), metres_per_pixel=1.0, width=64, height=64)
 RADIUS = 20.0
 BALL = Tube(np.zeros((1, 2, 3)), np.full((1, 2), RADIUS), 0.8)
 NUMBERS = np.arange(2000)
+SHADES = {"link": 0.7, "sleeve": 0.35, "ring": 0.5}
 
 
 @pytest.mark.parametrize("lamp", [LAMP, (1.0, 0.0, 0.0), (-0.6, 0.0, 0.8), (0.48, -0.36, 0.8)])
@@ -44,16 +44,15 @@ def test_every_frame_has_its_own_shade_and_lamp() -> None:
 
 
 def test_by_default_light_is_the_nominal_one() -> None:
-    drawn = draw_lighting(LightingVariation(), 0, NUMBERS)
-    np.testing.assert_array_equal(drawn.finger_shade, np.full(2000, FINGER_SHADE))
-    np.testing.assert_array_equal(drawn.exosuit_shade, np.full(2000, EXOSUIT_SHADE))
+    drawn = draw_lighting(LightingVariation(), 0, NUMBERS, SHADES)
+    np.testing.assert_array_equal(drawn.shades, np.tile(list(SHADES.values()), (2000, 1)))
     np.testing.assert_allclose(drawn.light.lamp, np.tile(LAMP, (2000, 1)), atol=1e-15)
     np.testing.assert_array_equal(drawn.light.ambient, np.full(2000, AMBIENT))
 
 
 def test_lamps_are_even_over_their_cap() -> None:
     """The height of even points on a sphere's cap is even (Archimedes)."""
-    lamp = draw_lighting(LightingVariation(lamp=0.8), 0, NUMBERS).light.lamp
+    lamp = draw_lighting(LightingVariation(lamp=0.8), 0, NUMBERS, SHADES).light.lamp
     np.testing.assert_allclose(np.linalg.norm(lamp, axis=1), 1, atol=1e-12)
     share = (1 - lamp @ np.array(LAMP)) / (1 - np.cos(0.8))
     assert np.all((share > -1e-12) & (share < 1 + 1e-12))
@@ -64,15 +63,28 @@ def test_lamps_are_even_over_their_cap() -> None:
 
 def test_switches_move_their_own_numbers_and_frames_stand_alone() -> None:
     variation = LightingVariation(
-        finger_shade=(0.5, 0.8), exosuit_shade=(0.1, 0.4), lamp=0.5, ambient=(0.2, 0.6)
+        shades={"link": (0.5, 0.8), "sleeve": (0.1, 0.4), "ring": (0.2, 0.3)}, lamp=0.5, ambient=(0.2, 0.6)
     )
-    drawn = draw_lighting(variation, (3, 1), NUMBERS)
-    assert np.all((drawn.finger_shade >= 0.5) & (drawn.finger_shade <= 0.8))
-    assert np.all((drawn.exosuit_shade >= 0.1) & (drawn.exosuit_shade <= 0.4))
+    drawn = draw_lighting(variation, (3, 1), NUMBERS, SHADES)
+    for values, (low, high) in zip(drawn.shades.T, variation.shades.values(), strict=True):
+        assert np.all((values >= low) & (values <= high))
+        assert np.ptp(values) > 0.9 * (high - low)  # of 2000 even draws, all but 0.1 % with probability 1
     assert np.all((drawn.light.ambient >= 0.2) & (drawn.light.ambient <= 0.6))
-    shade = draw_lighting(LightingVariation(exosuit_shade=(0.1, 0.4)), (3, 1), NUMBERS[5:6])
-    assert shade.exosuit_shade[0] == drawn.exosuit_shade[5]
-    assert shade.finger_shade[0] == FINGER_SHADE
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        correlation = np.corrcoef(drawn.shades[:, one], drawn.shades[:, other])[0, 1]
+        assert abs(correlation) < 5 / np.sqrt(2000)  # five standard errors of none
+    alone = draw_lighting(LightingVariation(shades={"sleeve": (0.1, 0.4)}), (3, 1), NUMBERS[5:6], SHADES)
+    np.testing.assert_array_equal(alone.shades[0], [0.7, drawn.shades[5, 1], 0.5])
+
+
+def test_a_third_tube_leaves_the_draws_of_the_others() -> None:
+    variation = LightingVariation(shades={"link": (0.5, 0.8)}, lamp=0.5, ambient=(0.2, 0.6))
+    two, three = (
+        draw_lighting(variation, 1, NUMBERS, dict(list(SHADES.items())[:count])) for count in (2, 3)
+    )
+    np.testing.assert_array_equal(two.shades, three.shades[:, :2])
+    np.testing.assert_array_equal(two.light.lamp, three.light.lamp)
+    np.testing.assert_array_equal(two.light.ambient, three.light.ambient)
 
 
 def test_impossible_light_is_refused() -> None:
@@ -87,4 +99,4 @@ def test_impossible_light_is_refused() -> None:
     with pytest.raises(InputError, match="shade"):
         Tube(np.zeros((1, 2, 3)), np.ones((1, 2)), np.array([2.0]))
     with pytest.raises(ValidationError):
-        LightingVariation(finger_shade=(0.9, 0.1))
+        LightingVariation(shades={"link": (0.8, 0.1)})

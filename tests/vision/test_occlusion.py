@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 
 from exosight.exosuit.finger import Finger
 from exosight.vision import BACKGROUND, Camera, augment
-from exosight.vision.appearance import OCCLUSION_KINDS
 from exosight.vision.occlusion import LINK_LENGTHS, LINK_RADII, draw_fingers, occluder, put_before
+from exosight.vision.transforms.foreground import OCCLUSION_KINDS
 
 
 @settings(deadline=None, max_examples=60)

@@ -1,25 +1,25 @@
-"""Finger and exosuit as two tubes: what is drawn where, and over what."""
+"""A system's tubes: what is drawn where, and over what."""
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exosight.errors import InputError
-from exosight.exosuit.assembly import Exosuit, assemble, observe
-from exosight.exosuit.finger import Finger
-from exosight.exosuit.shapes import TABLE_I, radius
-from exosight.mechanics import stack
-from exosight.vision import BACKGROUND, Camera, render
-from exosight.vision.scene import EXOSUIT_SHADE, FINGER_SHADE, picture, tubes
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import EXOSUIT_SHADE, FINGER_SHADE, published
+from exosight.system.camera import Camera
+from exosight.system.observation import observe
+from exosight.system.system import System, stack_systems
+from exosight.vision import BACKGROUND, Light, Lighting, render
+from exosight.vision.renderer import AMBIENT, LAMP
+from exosight.vision.scene import cover, picture, tubes
 
 CAMERA = Camera()
 PIXEL = CAMERA.metres_per_pixel
-FINGER = Finger()
-X = np.linspace(0, 1, 42)
-RADII = radius(TABLE_I.surface, X)
+WORN = Exosuit(gap=4 * PIXEL)
+SYSTEM = published(WORN)
+FINGER = WORN.finger
 
 flexions = st.tuples(*(st.floats(low, 1.5) for low in (-0.17, -0.08, -0.08)))
 
@@ -34,9 +34,12 @@ def finger_nodes(angles) -> np.ndarray:
 
 
 def straight_rod(gap: float) -> np.ndarray:
-    """The exosuit's unbent axis (1, 42, 3), so far above the finger's base."""
-    height = FINGER.radii[0] + RADII[0] + gap
-    return np.stack([TABLE_I.length * X, np.zeros(42), np.full(42, height)], axis=-1)[None]
+    """The unbent exosuit's axis, so far above the finger's base."""
+    exosuit = SYSTEM.tubes[1]
+    height = FINGER.radii[0] + float(exosuit.radius[0]) + gap
+    rod = SYSTEM.robot["exosuit"]
+    along = rod.length * np.asarray(rod.quadrature.points)
+    return np.stack([along, np.zeros(len(along)), np.full(len(along), height)], axis=-1)[None]
 
 
 def drawn(*bodies) -> np.ndarray:
@@ -54,7 +57,7 @@ def covered(image: np.ndarray) -> np.ndarray:
 def test_background_shows_between_bodies_that_do_not_touch(angles, gap):
     # Extension brings a joint up by no more than 4 mm over the finger's length; flexion takes it away.
     gap += max(finger_nodes(angles)[0, :, 2].max(), 0.0)
-    finger, exosuit = tubes(straight_rod(gap), RADII, finger_nodes(angles), np.array(FINGER.radii))
+    finger, exosuit = tubes(SYSTEM, {"finger": finger_nodes(angles), "exosuit": straight_rod(gap)})
     below, above = drawn(finger) != BACKGROUND, drawn(exosuit) != BACKGROUND
     both = below.any(axis=0) & above.any(axis=0)
     assert both.sum() > 5
@@ -68,9 +71,11 @@ def test_background_shows_between_bodies_that_do_not_touch(angles, gap):
 
 @settings(deadline=None, max_examples=40)
 @given(flexions, st.floats(-0.015, 0.02))
-def test_the_exosuit_is_drawn_over_the_finger_and_both_are_seen(angles, gap):
-    finger, exosuit = tubes(straight_rod(gap), RADII, finger_nodes(angles), np.array(FINGER.radii))
+def test_later_tubes_are_drawn_over_earlier_ones_and_all_are_seen(angles, gap):
+    axes = {"exosuit": straight_rod(gap), "finger": finger_nodes(angles)}  # its order does not matter
+    finger, exosuit = tubes(SYSTEM, axes)
     image, alone, under = drawn(finger, exosuit), drawn(exosuit), drawn(finger)
+    np.testing.assert_array_equal(picture(SYSTEM, axes)[0], image)
     whole = covered(alone)
     assert whole.sum() > 300
     np.testing.assert_array_equal(image[whole], alone[whole])
@@ -79,45 +84,70 @@ def test_the_exosuit_is_drawn_over_the_finger_and_both_are_seen(angles, gap):
     assert (under[free] != BACKGROUND).sum() > 100
 
 
-def test_shades_are_those_documented_and_apart_from_each_other_and_the_background():
-    finger, exosuit = tubes(straight_rod(0.01), RADII, finger_nodes((0, 0, 0)), np.array(FINGER.radii))
+def test_published_shades_are_apart_from_each_other_and_the_background():
+    finger, exosuit = tubes(SYSTEM, {"finger": finger_nodes((0, 0, 0)), "exosuit": straight_rod(0.01)})
     assert (finger.shade, exosuit.shade) == (FINGER_SHADE, EXOSUIT_SHADE) == (0.70, 0.35)
     brightest = [int(image[covered(image)].max()) for image in (drawn(finger), drawn(exosuit))]
     assert brightest[0] - brightest[1] > 50  # of the 89 between full light on either
     assert brightest[0] < BACKGROUND
 
 
-def test_radii_may_differ_from_frame_to_frame():
-    rods, fingers = (np.repeat(part, 2, axis=0) for part in (straight_rod(0.0), finger_nodes((0, 0, 0))))
-    both = tubes(rods, np.stack([RADII, 1.5 * RADII]), fingers, np.array(FINGER.radii))
-    images = render(both, CAMERA)
-    np.testing.assert_array_equal(
-        images[0], drawn(*tubes(rods[:1], RADII, fingers[:1], np.array(FINGER.radii)))
-    )
-    assert (images[1] != BACKGROUND).sum() > (images[0] != BACKGROUND).sum()
+def rest(system: System) -> dict[str, np.ndarray]:
+    """Its axes at q = 0, one frame."""
+    seen = observe(stack_systems([system]), np.zeros((1, 1, system.robot.dofs)))
+    return {name: np.asarray(axis)[0] for name, axis in seen.axes.items()}
+
+
+def test_stacked_systems_are_one_a_frame():
+    systems = [published(Exosuit(gap=gap, mount_angle=angle)) for gap, angle in ((0.0, 0.0), (0.004, 0.1))]
+    axes = [rest(system) for system in systems]
+    together = {name: np.concatenate([each[name] for each in axes]) for name in axes[0]}
+    images = picture(stack_systems(systems), together)
+    for image, system, own in zip(images, systems, axes, strict=True):
+        np.testing.assert_array_equal(image, picture(system, own)[0])
+    assert np.any(images[0] != images[1])
+
+
+def test_lighting_gives_every_tube_its_shade_in_every_frame():
+    axes = {name: np.repeat(axis, 2, axis=0) for name, axis in rest(SYSTEM).items()}
+    light = Light(np.tile(LAMP, (2, 1)), np.full(2, AMBIENT))
+    images = picture(SYSTEM, axes, Lighting(np.array([[0.7, 0.35], [0.2, 0.6]]), light))
+    np.testing.assert_array_equal(images[0], picture(SYSTEM, axes)[0])
+    exchanged = drawn(*(tubes(SYSTEM, rest(SYSTEM), [0.2, 0.6])))
+    np.testing.assert_array_equal(images[1], exchanged)
+
+
+def test_what_the_bodies_cover_is_what_differs_from_the_background():
+    axes = rest(SYSTEM)
+    share, image = cover(SYSTEM, axes)[0], picture(SYSTEM, axes)[0]
+    np.testing.assert_array_equal(share == 0, image == BACKGROUND)
+    assert np.all(share[covered(image)] > 250)  # but for the narrow gap, which no pixel lies in
 
 
 def test_a_pose_that_is_not_finite_is_refused():
     rod = straight_rod(0.0)
     rod[0, 7, 0] = np.nan
     with pytest.raises(InputError, match="tube centres"):
-        tubes(rod, RADII, finger_nodes((0, 0, 0)), np.array(FINGER.radii))
+        tubes(SYSTEM, {"finger": finger_nodes((0, 0, 0)), "exosuit": rod})
 
 
-def test_a_picture_of_a_worn_exosuit():
-    exosuit = Exosuit(gap=4 * PIXEL)
-    robot = assemble(exosuit)
-    images = []
-    for angle in (0.0, 0.5):
-        q = np.zeros((1, 1, robot.dofs))
-        q[0, 0, robot.dof_slice("finger_0")] = angle
-        pose = jax.tree.map(lambda leaf: leaf[0], observe(stack([robot]), jnp.asarray(q)))
-        images.append(picture(exosuit, pose, CAMERA))
-        body = tubes(straight_rod(4 * PIXEL), RADII, finger_nodes((angle, 0, 0)), np.array(FINGER.radii))
-        # The rod's points are Gauss points here and evenly spaced there, on one straight taper: round-off.
-        assert np.abs(images[-1][0].astype(int) - drawn(*body)).max() <= 1
-    for column in range(20, 100):  # [pixels], where both bodies are
-        grays = images[0][0, :, column]
+def test_axes_of_another_system_are_refused():
+    with pytest.raises(InputError, match="got none of exosuit"):
+        tubes(SYSTEM, {"finger": finger_nodes((0, 0, 0))})
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.5])
+def test_observed_axes_are_where_the_bodies_are(angle: float):
+    """At rest, and with the first joint bent: the finger folds there, the exosuit stays straight."""
+    q = np.zeros((1, 1, SYSTEM.robot.dofs))
+    q[0, 0, SYSTEM.robot.dof_slice("finger_0")] = angle
+    seen = observe(stack_systems([SYSTEM]), q)
+    axes = {name: np.asarray(axis)[0] for name, axis in seen.axes.items()}
+    np.testing.assert_allclose(axes["finger"], finger_nodes((angle, 0, 0)), atol=1e-12)  # round-off
+    np.testing.assert_allclose(axes["exosuit"], straight_rod(4 * PIXEL), atol=1e-12)
+    image = picture(SYSTEM, axes)[0]
+    for column in range(20, 60):  # [pixels], where both bodies are
+        grays = image[:, column]
         body = np.flatnonzero(grays != BACKGROUND)
         (gap,) = np.flatnonzero(np.diff(body) > 1)
         upper, lower = grays[body[1:gap]], grays[body[gap + 2 : -1]]  # without the antialiased edges

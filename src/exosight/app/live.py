@@ -3,31 +3,35 @@
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from exosight.app.pipeline import camera_of
 from exosight.control.actuators import Lines, NoActuator
 from exosight.control.estimator import OnnxEstimator
 from exosight.control.guard import GuardConfig, Guarded
+from exosight.control.paths import ControllerConfig
 from exosight.control.realtime import Step, run_live, timings
 from exosight.control.recording import Recorder
 from exosight.control.scheduled import Scheduled
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.simulated_device import SimulatedDevice
 from exosight.control.sources import Crop, open_source
-from exosight.control.tuning import tune
 from exosight.evaluation.tables import Column, Table
-from exosight.exosuit.assembly import Exosuit
+from exosight.system.system import System
 
 
 class Log:
-    """What happened: one line a second and one for every change of the guard's state; numbers for the end."""
+    """What happened: one line a second and one for every change of the guard's state; numbers for the end.
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    say      where the lines go
+    config   of the controller: what is controlled and driven
+    """
+
+    def __init__(self, say: Callable[[str], None], config: ControllerConfig) -> None:
+        self._config = config
         self._say, self._seconds, self._late, self._told = say, [], [], -1
         self._changes: list[dict[str, Any]] = []
 
@@ -41,9 +45,13 @@ class Log:
             self._say(f"{step.time:7.1f} s  {step.state.value}: {step.cause}")
         if int(step.time) > self._told:
             self._told = int(step.time)
-            reading = step.measurement.reading
-            force = "no estimate" if reading is None else f"F_net {reading.forces.sum():.3f} N"
-            self._say(f"{step.time:7.1f} s  {force}, target {step.target:g} N, u {step.u:.2f} N")
+            sensor, driven = self._config.controlled, self._config.driven
+            value = step.measurement.sum(self._config.weights)
+            estimate = "no estimate" if np.isnan(value) else f"{sensor.name} {value:.3f} {sensor.unit}"
+            self._say(
+                f"{step.time:7.1f} s  {estimate}, target {step.target:g} {sensor.unit}, "
+                f"{driven.name} {step.command:.2f} {driven.unit}"
+            )
 
     @property
     def steps(self) -> int:
@@ -84,56 +92,54 @@ def timing_table(seconds: np.ndarray, late: np.ndarray) -> Table:
     return Table("timing", f"{len(seconds)} steps", columns, tuple(rows), note)
 
 
-def on_simulation(
-    exosuit: Exosuit,
-    limits: dict[str, float],
-    model: Path,
-    target: Sequence[float],
-    record: Path | None,
-    log: Log,
-) -> None:
-    """Look at a simulated exosuit, and actuate it; arguments of `tune` are its limits."""
-    network = OnnxEstimator.load(model, alone=True)
-    guarded = Guarded(Scheduled(tune(exosuit, **limits)))
-    device = SimulatedDevice(SimulatedPlant(exosuit, camera_of(network.card)))
-    with _written(record, network, guarded, model, log) as done, _stoppable():
-        run_live(device, network.read, guarded, device, target, done)
+@dataclass(frozen=True)
+class LiveRun:
+    """What a run in real time is made of.
+
+    system    that is simulated, or stands for the one before the camera
+    network   that reads the images, and its file
+    config    what the controller knows of the system
+    target    of each step [the controlled sensor's unit]
+    record    new file for all that is seen, estimated and done, if there is to be one
+    """
+
+    system: System
+    network: OnnxEstimator
+    model: Path
+    config: ControllerConfig
+    target: Sequence[float]
+    record: Path | None = None
 
 
-def on_camera(
-    source: str,
-    crop: Crop | None,
-    send: str | None,
-    exosuit: Exosuit,
-    limits: dict[str, float],
-    model: Path,
-    target: Sequence[float],
-    record: Path | None,
-    log: Log,
-) -> None:
-    """Look through a camera or at pictures in files, and tell u to whoever reads it at `send`."""
-    network = OnnxEstimator.load(model, alone=True)
-    frames = open_source(source, network.card.image_width, network.card.image_height, crop)
+def on_simulation(run: LiveRun, log: Log) -> None:
+    """Look at the simulated system, and actuate it."""
+    guarded = Guarded(Scheduled(run.config))
+    device = SimulatedDevice(SimulatedPlant(run.system), run.config)
+    with _written(run, guarded, log) as done, _stoppable():
+        run_live(device, run.network.read, guarded, device, run.target, done)
+
+
+def on_camera(run: LiveRun, source: str, crop: Crop | None, send: str | None, log: Log) -> None:
+    """Look through a camera or at pictures in files, and write the command to whoever reads it at `send`."""
+    height, width = run.network.card.image_size
+    frames = open_source(source, width, height, crop)
     with closing(frames), ExitStack() as stack:
         # A camera has noise: the same picture, bit by bit, for half a second is no picture.
-        still = max(2, round(0.5 / limits["period"])) if source.isdecimal() else 0
-        guarded = Guarded(Scheduled(tune(exosuit, **limits)), GuardConfig(frozen_frames=still))
-        done = stack.enter_context(_written(record, network, guarded, model, log))
+        still = max(2, round(0.5 / run.config.period)) if source.isdecimal() else 0
+        guarded = Guarded(Scheduled(run.config), GuardConfig(frozen_frames=still))
+        done = stack.enter_context(_written(run, guarded, log))
         stack.enter_context(_stoppable())
         actuator = stack.enter_context(closing(NoActuator() if send is None else Lines.open(send)))
-        run_live(frames, network.read, guarded, actuator, target, done)
+        run_live(frames, run.network.read, guarded, actuator, run.target, done)
 
 
 @contextmanager
-def _written(
-    record: Path | None, network: OnnxEstimator, guarded: Guarded, model: Path, log: Log
-) -> Iterator[Callable[[Step], None]]:
+def _written(run: LiveRun, guarded: Guarded, log: Log) -> Iterator[Callable[[Step], None]]:
     """What to do with every step: log it, and record it if there is a file for it."""
-    if record is None:
+    if run.record is None:
         yield log.append
         return
-    size = network.card.image_height, network.card.image_width
-    with closing(Recorder(record, size, guarded, model)) as recorder:
+    with closing(Recorder(run.record, run.network.card.image_size, guarded, run.model)) as recorder:
 
         def done(step: Step) -> None:
             log.append(step)

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 from exosight.evaluation.figures.control import ControlTrace
 from exosight.evaluation.metrics import Scores, score
 from exosight.learning.history import EpochRecord
+from exosight.system.schema import Schema
 
 
 @dataclass(frozen=True)
@@ -68,15 +69,17 @@ class Judgement:
 
     name: str
     """Network and split, as in its `TrainingRun`."""
-    true: Float[np.ndarray, "frames 7"]
-    """f_C1…f_C7 [N]."""
-    estimated: Float[np.ndarray, "frames 7"]
-    """[N]"""
+    schema: Schema
+    """Of the system whose sensors are estimated."""
+    true: Float[np.ndarray, "frames outputs"]
+    """What the estimated sensors read [their units]."""
+    estimated: Float[np.ndarray, "frames outputs"]
+    """[their units]"""
 
     @property
     def scores(self) -> Scores:
         """RMSE, RMS% and r."""
-        return score(self.true, self.estimated)
+        return score(self.schema, self.true, self.estimated)
 
 
 @dataclass(frozen=True)

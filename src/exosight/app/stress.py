@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +11,19 @@ from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
 from exosight.app.console import progress, to_json
-from exosight.app.pipeline import camera_of
-from exosight.control import CONTROL_SHAPE, ControllerConfig, Guarded, OnnxEstimator, Proportional, Scheduled
+from exosight.app.nominal import camera_for
+from exosight.control import ControllerConfig, Guarded, OnnxEstimator, Proportional, Scheduled
 from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import draw_episode
-from exosight.control.stress.frames import camera_sensor, true_sensor
+from exosight.control.stress.frames import Look, camera_sensor, true_sensor
 from exosight.control.stress.measures import RELEASE_SECONDS, Measured, measure_episode, summary
+from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
-from exosight.control.tuning import CONTACT_LIMIT, tune
 from exosight.evaluation import Column, Table, figures
 from exosight.evaluation.figures.stress import Spread
-from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import PublishedDesigns
 from exosight.files import as_csv, write_new_file
-from exosight.system.camera import Camera
+from exosight.system.designs import DesignSet
 
 GUARDED = "guarded"
 """Name of the scheduled law behind its guard."""
@@ -37,25 +37,38 @@ class Outcome:
     traces: Traces
 
 
+def prepare(
+    designs: DesignSet, model: Path | None, sensor: str | None = None, channel: str | None = None
+) -> tuple[StressPlants, Look]:
+    """What episodes are about, and what looks at it: the network, or the simulation itself.
+
+    model   the network in the loop; None: the loop is closed on true readings
+
+    Raises InputError for a sensor, channel or network that is none of the system's, DataError if the model
+    cannot be read.
+    """
+    if model is None:
+        return stress_plants(designs, None, sensor, channel), true_sensor
+    estimator = OnnxEstimator.load(model, threads=2, alone=True)
+    camera = camera_for(designs, estimator) if isinstance(designs, PublishedDesigns) else None
+    plants = stress_plants(designs, camera, sensor, channel)
+    estimator.card.check_fits(plants.nominal.schema, "system")
+    return plants, camera_sensor(estimator)
+
+
 def run_stress(
-    config: StressConfig, episodes: int, seed: int, model: Path | None, gains: Sequence[float]
+    config: StressConfig, episodes: int, seed: int, gains: Sequence[float], plants: StressPlants, look: Look
 ) -> dict[str, Outcome]:
     """The guarded controller and the paper's law with each gain, all on the same episodes.
 
-    model   the network in the loop; None: the loop is closed on the true force
-
-    Raises InputError for settings that are out of range, DataError if the model cannot be read.
+    Raises InputError for settings that are out of range.
     """
-    estimator = None if model is None else OnnxEstimator.load(model, threads=2, alone=True)
-    camera = Camera() if estimator is None else camera_of(estimator.card)
-    sensor = true_sensor if estimator is None else camera_sensor(estimator)
-    drawn = [draw_episode(config, seed, number, camera) for number in range(episodes)]
-    limits = tune(Exosuit(CONTROL_SHAPE))
+    drawn = [draw_episode(config, seed, number, plants) for number in range(episodes)]
     outcomes = {}
-    for name, controllers in _controllers(limits, gains, episodes).items():
+    for name, controllers in _controllers(plants.limits, gains, episodes).items():
         with progress(name, "steps") as update:
-            traces = run_episodes(drawn, controllers, sensor, update)
-        measured = tuple(measure_episode(e, traces, i, limits) for i, e in enumerate(drawn))
+            traces = run_episodes(drawn, controllers, look, plants.limits, update)
+        measured = tuple(measure_episode(e, traces, i, plants.limits) for i, e in enumerate(drawn))
         outcomes[name] = Outcome(measured, traces)
     return outcomes
 
@@ -64,7 +77,7 @@ def _controllers(
     limits: ControllerConfig, gains: Sequence[float], count: int
 ) -> dict[str, Sequence[Controller]]:
     def paper(gain: float) -> Sequence[Controller]:
-        return [Unguarded(Proportional(gain)) for _ in range(count)]
+        return [Unguarded(Proportional(gain, limits.driven), limits.weights) for _ in range(count)]
 
     guarded: Sequence[Controller] = [Guarded(Scheduled(limits)) for _ in range(count)]
     return {GUARDED: guarded, **{f"K_P = {gain:g}": paper(gain) for gain in gains}}
@@ -95,11 +108,12 @@ def draw(found: Mapping[str, Any]) -> Figure:
         }
         return Spread(label, values, limit, largest)
 
+    limit = found["about"]["contact_limit"]
     return figures.stress(
         [
             spread("steps to settle at a constant target [-]", "settling_steps", None, 25.0),
             spread("overshoot of a constant target [%]", "overshoot_percent", None, 100.0),
-            spread("largest force on one contact [N]", "largest_contact", CONTACT_LIMIT, 1.5),
+            spread("largest force on one contact [N]", "largest_contact", limit, 3 * (limit or 0.5)),
             spread("time from the target's drop to release [s]", "release_seconds", RELEASE_SECONDS, 1.5),
         ]
     )
@@ -133,21 +147,40 @@ def stress_table(found: Mapping[str, Any]) -> Table:
         )
         for name, told in found["controllers"].items()
     )
-    note = f"{found['about']['episodes']} episodes each, judged on the true force"
+    about = found["about"]
+    note = f"{about['episodes']} episodes each, judged on true readings of {about['sensor']['name']}"
     return Table("stress", "Closed loop under stress", columns, rows, note)
 
 
 def about(
-    config: StressConfig, episodes: int, seed: int, model: Path | None, gains: Sequence[float]
+    config: StressConfig,
+    episodes: int,
+    seed: int,
+    gains: Sequence[float],
+    model: Path | None,
+    plants: StressPlants,
 ) -> dict[str, Any]:
     """All that it takes to run it again."""
+    config = replace(config, targets=config.targets or plants.targets)
+    driven, controlled = plants.limits.driven, plants.limits.controlled
     return {
+        "system": plants.limits.schema.system,
+        "sensor": {"name": controlled.name, "unit": controlled.unit},
+        "channel": {"name": driven.name, "unit": driven.unit},
+        "contact_limit": _largest_limit(plants.limits),
         "episodes": episodes,
         "seed": seed,
         "model": None if model is None else model.name,
         "gains": list(gains),
         "config": TypeAdapter(StressConfig).dump_python(config, mode="json"),
     }
+
+
+def _largest_limit(limits: ControllerConfig) -> float | None:
+    """Of the contact forces [N]; None if no one of them is estimated or limited."""
+    forces = [spec.quantity == "contact force" for spec in limits.schema.estimated]
+    own = limits.output_limits[forces]
+    return float(own.max()) if own.size and np.isfinite(own).any() else None
 
 
 def _of(quantiles: Mapping[str, float] | None, name: str) -> float | None:

@@ -8,8 +8,9 @@ import numpy as np
 
 from exosight.app.console import progress, say
 from exosight.app.control_command import run_trials, write_trials
+from exosight.app.data import Data, load
 from exosight.app.output import new_folder
-from exosight.app.pipeline import AUXILIARY, MODEL, Data, camera_of, check_training, fit, load
+from exosight.app.pipeline import MODEL, camera_of, check_training, fit
 from exosight.app.report import write_report, write_tables
 from exosight.app.results import Judgement, RobustnessSummary, SteeredLoop, TrainingRun
 from exosight.app.study_config import CONFIG, PRESETS, RunConfig, StudyConfig, read_config, to_text
@@ -17,14 +18,17 @@ from exosight.app.study_report import Results, build_report, steered_loop
 from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, from_image
 from exosight.control.estimator import DEFAULT_MODEL
 from exosight.dataset import Split, make_split
+from exosight.dataset.config import GenerateConfig
 from exosight.dataset.generation import generate
 from exosight.dataset.manifest import MANIFEST
-from exosight.dataset.simulation import exosuit_of
 from exosight.errors import DataError, InputError
 from exosight.evaluation import evaluate_robustness
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 from exosight.files import write_new_file
 from exosight.learning.config import resolve
 from exosight.learning.history import EpochRecord
+from exosight.learning.outputs import auxiliary_units
 from exosight.learning.recipes import RECIPES, Recipe
 from exosight.system.camera import Camera
 from exosight.vision.corruptions import corrupt
@@ -62,7 +66,9 @@ def run_study(config: StudyConfig, out: Path, *, resume: bool = False) -> Path:
     robustness = _robustness(config, steering, data, splits[config.runs[0].protocol].test)
     loops = _closed_loops(config, steering, data.manifest.camera, folder)
     say("writing the report")
-    results = Results(config, data, splits, trained, judgements, robustness, steering, loops)
+    results = Results(
+        config, data, splits, trained, judgements, robustness, steering, loops, _exosuit(config.data)
+    )
     page = build_report(results, _command(config, out))
     if not (folder / "tables").exists():
         with new_folder(folder / "tables") as place:
@@ -102,14 +108,14 @@ def _training_run(
 ) -> TrainingRun:
     from exosight.learning.networks import build_network
 
-    card = estimator.card
-    network = build_network(run.training.network, (card.image_height, card.image_width), AUXILIARY, 0)
+    schema = estimator.card.schema
+    network = build_network(run.training.network, schema, len(auxiliary_units(schema)), 0)
     return TrainingRun(
         name=run.name,
         parameters=sum(p.numel() for p in network.parameters() if p.requires_grad),
         frames=len(split.train),
         history=history,
-        loss="loss [force SD]" if _recipe(run).scales_forces else "L1 loss [N]",
+        loss="loss [force SD]" if _recipe(run).scales_outputs else "L1 loss [N]",
     )
 
 
@@ -118,15 +124,18 @@ def _recipe(run: RunConfig) -> Recipe:
 
 
 def _judgement(run: RunConfig, split: Split, data: Data, estimator: OnnxEstimator) -> Judgement:
-    true, estimated = data.frames.forces[split.test], estimator.estimate(data.frames.images[split.test])
-    return Judgement(run.name, true.astype(float), estimated.astype(float))
+    frames = data.frames
+    true, estimated = frames.labels[split.test], estimator.estimate(frames.images[split.test])
+    return Judgement(run.name, frames.schema, true.astype(float), estimated.astype(float))
 
 
 def _robustness(
     config: StudyConfig, estimator: OnnxEstimator, data: Data, test: np.ndarray
 ) -> RobustnessSummary:
     images = data.frames.images[test]
-    cases = evaluate_robustness(estimator.estimate, images, data.frames.forces[test], config.seed)
+    cases = evaluate_robustness(
+        data.frames.schema, estimator.estimate, images, data.frames.labels[test], config.seed
+    )
     few = images[np.linspace(0, len(images) - 1, 4).astype(int)]
     examples = {case: few if case == "clean" else corrupt(few, case, config.seed) for case in cases}
     run = config.runs[0]
@@ -149,12 +158,19 @@ def _closed_loops(
 
 def _closed_loop(config: StudyConfig, estimator: OnnxEstimator, model: str, folder: Path) -> ControllerStudy:
     camera = camera_of(estimator.card)
-    exosuit = exosuit_of(config.data, CONTROL_SHAPE)
-    trials = run_trials(exosuit, camera, from_image(estimator))
+    system = published(_exosuit(config.data), camera)
+    trials = run_trials(system, from_image(estimator, system.schema))
     if not folder.exists():
         with new_folder(folder) as place:
             write_trials(trials, model, camera, place)
     return trials
+
+
+def _exosuit(config: GenerateConfig) -> Exosuit:
+    """The exosuit of the closed loop, of the dataset's material."""
+    return Exosuit(
+        CONTROL_SHAPE, young=config.young, contact_stiffness=config.contact_stiffness, gap=config.gap
+    )
 
 
 def _command(config: StudyConfig, out: Path) -> str:

@@ -13,12 +13,15 @@ from exosight.learning.config import TrainConfig
 CONFIG = "study.json"
 """Name of the configuration in a study's folder."""
 
-_SPLIT_WORDS = {"shape": "by shape", "frame": "by frame"}
+SPLIT_WORDS = {"design": "shape", "frame": "frame"}
+"""Designs of the published system are shapes of exosuits."""
 
 
 def _of_one_image(training: TrainConfig) -> TrainConfig:
     if training.history or training.actuation:
-        raise ValueError("expected networks that read one image: a study knows neither history nor actuation")
+        raise ValueError(
+            "expected networks with one image as input: a study has neither history nor actuation"
+        )
     return training
 
 
@@ -26,7 +29,7 @@ def _of_one_image(training: TrainConfig) -> TrainConfig:
 class RunConfig:
     """One network to train."""
 
-    protocol: Literal["shape", "frame"]
+    protocol: Literal["design", "frame"]
     """How frames are divided."""
     training: Annotated[TrainConfig, AfterValidator(_of_one_image)]
     """Network and recipe."""
@@ -34,12 +37,18 @@ class RunConfig:
     @property
     def name(self) -> str:
         """Network and split, as the report calls it."""
-        return f"{self.training.network} network, {_SPLIT_WORDS[self.protocol]}"
+        return f"{self.training.network} network, by {SPLIT_WORDS[self.protocol]}"
 
     @property
     def folder(self) -> str:
         """Its folder in the study's."""
-        return f"{self.training.network}_{self.protocol}"
+        return f"{self.training.network}_{SPLIT_WORDS[self.protocol]}"
+
+
+def _of_the_published_system(data: GenerateConfig) -> GenerateConfig:
+    if data.system != GenerateConfig().system:
+        raise ValueError("expected the published system: a study reproduces the paper")
+    return data
 
 
 def _all_different(runs: tuple[RunConfig, ...]) -> tuple[RunConfig, ...]:
@@ -52,8 +61,8 @@ def _all_different(runs: tuple[RunConfig, ...]) -> tuple[RunConfig, ...]:
 class StudyConfig:
     """A whole study; the first run steers the closed loop and is drawn in the figures."""
 
-    data: GenerateConfig
-    """What is simulated."""
+    data: Annotated[GenerateConfig, AfterValidator(_of_the_published_system)]
+    """What is simulated: the published system."""
     runs: Annotated[tuple[RunConfig, ...], Field(min_length=1), AfterValidator(_all_different)]
     """What is trained on it."""
     seed: Annotated[int, Field(ge=0)] = 0
@@ -66,7 +75,7 @@ PRESETS: dict[PresetName, StudyConfig] = {
     "quick": StudyConfig(
         data=GenerateConfig(per_scenario=10),
         runs=(
-            RunConfig("shape", TrainConfig(network="light", epochs=80)),
+            RunConfig("design", TrainConfig(network="light", epochs=80)),
             RunConfig("frame", TrainConfig(network="light", epochs=20)),
         ),
     ),
@@ -75,7 +84,7 @@ PRESETS: dict[PresetName, StudyConfig] = {
         runs=tuple(
             RunConfig(protocol, TrainConfig(network=network))
             for network in ("light", "paper")
-            for protocol in ("shape", "frame")
+            for protocol in ("design", "frame")
         ),
     ),
 }

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import exosight
 from exosight.app import chapters
-from exosight.app.pipeline import Data
+from exosight.app.data import Data
 from exosight.app.report import Report
 from exosight.app.results import (
     DataSummary,
@@ -22,15 +22,19 @@ from exosight.app.results import (
     SteeredLoop,
     TrainingRun,
 )
-from exosight.app.study_config import StudyConfig, to_text
-from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, Trial
+from exosight.app.study_config import SPLIT_WORDS, StudyConfig, to_text
+from exosight.control import ControllerStudy, OnnxEstimator, Trial
 from exosight.dataset import Split
-from exosight.dataset.simulation import exosuit_of, load_path
+from exosight.dataset.load_paths import load_path
 from exosight.evaluation import figures
-from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, assemble, observe
-from exosight.exosuit.shapes import FAMILIES, radius
-from exosight.mechanics import drive, stack
+from exosight.evaluation.naming import contacts
+from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit
+from exosight.exosuit.published import published
+from exosight.exosuit.shapes import radius
+from exosight.mechanics import drive
 from exosight.system.camera import Camera
+from exosight.system.observation import Observation, observe
+from exosight.system.system import System, stack_systems
 from exosight.vision.scene import picture
 
 SHOWN_LOAD = 2.4
@@ -57,6 +61,8 @@ class Results:
     steering: OnnxEstimator
     """The first network, for the overview."""
     loops: Sequence[SteeredLoop]
+    exosuit: Exosuit
+    """That of the closed loop, for the pictures of how it moves."""
 
 
 def build_report(results: Results, command: str) -> Report:
@@ -65,7 +71,8 @@ def build_report(results: Results, command: str) -> Report:
     command   the command line that makes the study again
     """
     seed = results.config.seed
-    motion = _drive(exosuit_of(results.config.data, CONTROL_SHAPE), results.data.manifest.camera)
+    motion = _drive(results.exosuit, results.data.manifest.camera)
+    schema = motion.system.schema
     versions = {name: metadata.version(name) for name in ("exosight", "jax", "numpy", "torch", "onnxruntime")}
     return Report(
         title="Contact forces of a soft finger exosuit, read from images",
@@ -74,11 +81,11 @@ def build_report(results: Results, command: str) -> Report:
             "contact forces off the pictures, and a controller uses it as its force sensor."
         ),
         sections=(
-            chapters.introduction(_overview(motion, results.steering)),
+            chapters.introduction(_overview(motion, results.steering), schema),
             chapters.headline(results.runs, results.judgements, results.robustness, results.loops),
             chapters.motion(_path_summary(motion)),
             chapters.data_section(_data_summary(results)),
-            chapters.learning(results.runs),
+            chapters.learning(results.runs, schema.outputs),
             chapters.accuracy(results.judgements),
             chapters.robustness_section(results.robustness),
             *(chapters.closed_loop(loop) for loop in results.loops),
@@ -92,7 +99,7 @@ def build_report(results: Results, command: str) -> Report:
 def steered_loop(name: str, folder: str, trials: ControllerStudy, shipped: bool) -> SteeredLoop:
     """The trials of one network in the terms of the report."""
     # The paper's own figure shows the poses of K_P = 1.
-    shown = min(trials.step_responses, key=lambda trial: abs(trial.gain - 1)).record
+    shown = min(trials.step_responses, key=lambda trial: abs(_gain(trial) - 1)).record
     moments = np.linspace(0, len(shown.time) - 1, 6).round().astype(int)
     return SteeredLoop(
         name=name,
@@ -105,11 +112,17 @@ def steered_loop(name: str, folder: str, trials: ControllerStudy, shipped: bool)
     )
 
 
+def _gain(trial: Trial) -> float:
+    """K_P [N/N]; the paper's controller has no other law."""
+    assert trial.gain is not None
+    return trial.gain
+
+
 def _loop_run(trial: Trial) -> LoopRun:
     """A trial in the terms of the report."""
     settled = trial.response.settling_steps
     return LoopRun(
-        gain=trial.gain,
+        gain=_gain(trial),
         trace=trial.record,
         settling_steps=int(settled) if np.isfinite(settled) else None,
         overshoot=trial.response.overshoot,
@@ -120,11 +133,14 @@ def _loop_run(trial: Trial) -> LoopRun:
 def _data_summary(results: Results) -> DataSummary:
     manifest, frames = results.data.manifest, results.data.frames
     return DataSummary(
-        shapes=len(manifest.shapes),
+        shapes=len(manifest.designs),
         dropped={_DROPPED[cause]: count for cause, count in manifest.dropped.items()},
-        kept={name.replace("_", " "): int(np.sum(frames.family == i)) for i, name in enumerate(FAMILIES)},
+        kept={
+            name.replace("_", " "): int(np.sum(frames.family == i))
+            for i, name in enumerate(manifest.families)
+        },
         splits={
-            f"by {protocol}": (len(split.train), len(split.validation), len(split.test))
+            f"by {SPLIT_WORDS[protocol]}": (len(split.train), len(split.validation), len(split.test))
             for protocol, split in results.splits.items()
         },
     )
@@ -135,39 +151,42 @@ class _Motion:
     """One exosuit driven 0 → 4 → 0 N, for the pictures."""
 
     exosuit: Exosuit
+    system: System
     u: Float[np.ndarray, " steps"]
-    """Actuation [N]."""
-    pose: Pose
+    """Command [N]."""
+    seen: Observation
+    """With one batch dimension: the steps."""
     images: UInt8[np.ndarray, "steps height width"]
 
 
 def _drive(exosuit: Exosuit, camera: Camera) -> _Motion:
-    u, _ = load_path(frames=101)
-    robot = assemble(exosuit)
-    found = drive([robot], u[:, None])
-    pose: Pose = jax.tree.map(lambda leaf: np.asarray(leaf)[0], observe(stack([robot]), found.q))
-    return _Motion(exosuit, u, pose, picture(exosuit, pose, camera))
+    system = published(exosuit, camera)
+    commands = load_path(system.schema, frames=50, seed=0, number=0).commands
+    found = drive([system.robot], system.loads(commands))
+    seen = jax.tree.map(lambda leaf: np.asarray(leaf)[0], observe(stack_systems([system]), found.q))
+    return _Motion(exosuit, system, commands[:, 0], seen, picture(system, seen.axes))
 
 
 def _path_summary(motion: _Motion) -> PathSummary:
-    pose = motion.pose
-    tips = np.asarray(pose.centreline[:, -1, ::2])
-    return PathSummary(motion.u, np.asarray(pose.net_force), figures.find_snaps(tips), motion.images)
+    schema, seen = motion.system.schema, motion.seen
+    tips = np.asarray(seen.axes[ROD][:, -1, ::2])
+    net_force = np.asarray(seen.readings[:, schema.index(schema.controlled)])
+    return PathSummary(motion.u, net_force, figures.find_snaps(tips), motion.images)
 
 
 def _overview(motion: _Motion, estimator: OnnxEstimator) -> Figure:
-    finger = motion.exosuit.finger
+    schema = motion.system.schema
     rising = motion.u[: len(motion.u) // 2]
     moment = int(np.argmin(np.abs(rising - SHOWN_LOAD)))
-    pose: Pose = jax.tree.map(lambda leaf: leaf[moment], motion.pose)
+    seen: Observation = jax.tree.map(lambda leaf: leaf[moment], motion.seen)
     image = motion.images[moment]
-    centres = np.array([finger.centre_of_mass(link) for link in range(len(finger.lengths))])
+    true = seen.readings[schema.output_indices()].tolist()
+    estimated = estimator.estimate(image[None])[0].astype(float).tolist()
+    rod_radii = radius(motion.exosuit.shape.surface, QUADRATURE.points)
     return figures.overview(
-        np.asarray(pose.centreline[:, ::2]),
-        radius(motion.exosuit.shape.surface, QUADRATURE.points),
-        figures.sphere_centres(np.asarray(pose.finger[:, ::2]), centres),
-        np.array(finger.sphere_radii()),
+        figures.Outline(seen.axes[ROD][:, ::2], rod_radii),
+        figures.Outline(seen.places[:, ::2], np.array(motion.exosuit.finger.sphere_radii())),
+        contacts(schema),
         image,
-        np.asarray(pose.forces[1:]),
-        estimator.estimate(image[None])[0].astype(float),
+        dict(zip(schema.outputs, zip(true, estimated, strict=True), strict=True)),
     )

@@ -1,4 +1,4 @@
-"""What carries the actuation to the exosuit; a class of one's own with these two methods is one too."""
+"""What carries the command to the plant; a class of one's own with these two methods is one too."""
 
 import sys
 from contextlib import suppress
@@ -18,7 +18,9 @@ class Actuator(Protocol):
     """
 
     def apply(self, u: float) -> None:
-        """Take u [N], which is within the limits of the controller; return soon, the loop waits."""
+        """Take u [the unit of its channel], which is within the limits of the controller; return soon, the
+        loop waits.
+        """
         ...
 
     def close(self) -> None:
@@ -37,7 +39,7 @@ class NoActuator:
 
 
 class Lines:
-    """One line a step with u in newtons, "2.3750", for a program or device that reads them.
+    """One line a step with u in the unit of its channel, "2.3750", for a program or device that reads them.
 
     stream  of bytes, not buffered
     """

@@ -1,6 +1,6 @@
-"""Many simulated plants side by side: each with its own exosuit, its own actuation, its own user."""
+"""Many simulated plants side by side: each with its own system, its own commands, its own user."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -9,14 +9,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from exosight.control.plant import ACTUATION_LIMIT
+from exosight.control.plant import check_commands
 from exosight.errors import ConvergenceError, InputError
-from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, assemble, observe
-from exosight.exosuit.finger import Finger
-from exosight.exosuit.shapes import radius
-from exosight.mechanics import JointTorque, Robot, State, advance, stack
+from exosight.mechanics import JointTorque, Link, Robot, State, advance
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.system.camera import Camera
+from exosight.system.observation import observe
+from exosight.system.schema import Schema, difference
+from exosight.system.system import System, stack_systems
 from exosight.vision.renderer import render
 from exosight.vision.scene import tubes
 
@@ -25,92 +25,105 @@ _EXACT = SolverOptions()
 
 @dataclass(frozen=True)
 class Joints:
-    """What the users do with their fingers: springs that are stiffer or softer, and rest elsewhere.
+    """What the users do with the bodies that a system works on: springs that are stiffer or softer, and rest
+    elsewhere. Coordinates are those of all links' joints, link by link.
 
-    stiffness  (plants, hinges)   [N m/rad]
-    rest       (plants, hinges)   angle at which the spring is slack, positive in flexion [rad]
+    stiffness  (plants, coordinates)   [N m/rad or N/m]
+    rest       (plants, coordinates)   where the spring is slack [rad or m]
     """
 
-    stiffness: Float[np.ndarray, "plants hinges"]
-    rest: Float[np.ndarray, "plants hinges"]
+    stiffness: Float[np.ndarray, "plants coordinates"]
+    rest: Float[np.ndarray, "plants coordinates"]
 
 
 @dataclass(frozen=True)
 class BatchState:
-    """All plants at rest, each under its own actuation.
+    """All plants at rest, each under its own commands.
 
-    u          (plants,)        actuation of these very poses [N]: the one asked for, where `converged`
-    forces     (plants, 8)      contact force on C0…C7 [N]
-    q          (plants, dofs)   coordinates (radians, dimensionless strains)
-    converged  (plants,)        False: no stable pose was found on the way, and this is the last one before
-    pose       of all plants: shapes and joint angles
+    schema     of every plant
+    commands   (plants, channels)  of these very poses [each in its channel's unit]: the ones asked for, where
+               `converged`
+    readings   (plants, sensors)   true readings of all sensors [each in its unit]
+    q          (plants, dofs)      coordinates (radians, dimensionless strains)
+    converged  (plants,)           False: no stable pose was found on the way, and this is the last one before
+    axes       (plants, nodes, 3)  a tube: its axis, by the surface's name [m]
     """
 
-    u: Float[np.ndarray, " plants"]
-    forces: Float[np.ndarray, "plants 8"]
+    schema: Schema
+    commands: Float[np.ndarray, "plants channels"]
+    readings: Float[np.ndarray, "plants sensors"]
     q: Float[np.ndarray, "plants dofs"]
     converged: Bool[np.ndarray, " plants"]
-    pose: Pose
+    axes: Mapping[str, Float[np.ndarray, "plants nodes 3"]]
+
+    def reading(self, sensor: str) -> Float[np.ndarray, " plants"]:
+        """What one sensor reads on every plant [its unit]; InputError if there is none of this name."""
+        return self.readings[:, self.schema.index(sensor)]
 
     @property
-    def net_force(self) -> Float[np.ndarray, " plants"]:
-        """F_net: the sum over C1…C7 [N]."""
-        return self.forces[:, 1:].sum(axis=1)
+    def outputs(self) -> Float[np.ndarray, "plants outputs"]:
+        """What the estimated sensors read, in the order of a network's outputs [each in its unit]."""
+        return self.readings[:, self.schema.output_indices()]
 
 
 class BatchPlant:
-    """As many `SimulatedPlant`s as exosuits, in one compiled call a step; quasi-static like these.
+    """As many `SimulatedPlant`s as systems, in one compiled call a step; quasi-static like these.
 
-        plant = BatchPlant([Exosuit(shape) for shape in shapes])
-        state = plant.step(np.full(len(shapes), 0.5))  # N
-        state.net_force
+        plant = BatchPlant([designs.build(design) for design in designs.draw(8, seed=0)])
+        state = plant.step(np.full((8, 1), 0.5))
+        state.reading("F_net")
 
-    exosuits  what is simulated; their fingers have one number of links and hinges
-    limit     largest |u| that is taken [N]
+    systems   what is simulated; all of one structure and one schema
     options   of the solver
 
-    Raises InputError for no exosuits, fingers of several structures or a limit that is not finite and above
-    0; ConvergenceError if an unloaded exosuit has no stable pose.
+    Raises InputError for no systems, systems of several structures or schemas, or a path step that is not
+    finite and above 0; ConvergenceError if an unloaded system has no stable pose.
     """
 
     def __init__(
         self,
-        exosuits: Sequence[Exosuit],
-        limit: float = ACTUATION_LIMIT,
+        systems: Sequence[System],
         options: SolverOptions = _EXACT,
     ) -> None:
-        if not exosuits:
-            raise InputError("plants: expected at least one exosuit, got none")
-        if not 0 < limit < np.inf:
-            raise InputError(f"plant limit: expected a finite number above 0 N, got {limit}")
-        counts = {(len(e.finger.lengths), len(e.finger.joint_stiffness)) for e in exosuits}
-        if len(counts) > 1:
-            raise InputError("plants: expected fingers of one number of links and hinges, got several")
-        self.exosuits, self.limit, self._options = tuple(exosuits), limit, options
-        ((_, self._hinges),) = counts
-        robots = {exosuit: _movable(exosuit) for exosuit in dict.fromkeys(exosuits)}
-        self._own = stack([robots[exosuit] for exosuit in exosuits])
-        self._surface = np.stack([radius(e.shape.surface, QUADRATURE.points) for e in exosuits])
-        self._finger = np.stack([e.finger.radii for e in exosuits]).astype(float)
-        nothing = np.zeros((len(exosuits), 1 + self._hinges))
-        unstrained = State(np.zeros((len(exosuits), self._own.dofs)), nothing)
-        rest, found = advance(self._own, unstrained, nothing, options)
+        if not systems:
+            raise InputError("plants: expected at least one system, got none")
+        self.schema, self._options = systems[0].schema, options
+        unlike = (difference(self.schema, system.schema, ("channels", "sensors")) for system in systems[1:])
+        if found := next((words for words in unlike if words), None):
+            raise InputError(f"plants: expected systems of one schema; {found}")
+        self.systems = tuple(systems)
+        self._gain = np.stack([system.loads(np.ones(len(self.schema.channels))) for system in systems])
+        movable = {id(system): _movable(system) for system in systems}
+        self._stacked = stack_systems(systems)
+        self._own = stack_systems([movable[id(system)] for system in systems])
+        self._links = [body for body in systems[0].bodies if isinstance(body, Link) and body.joint.dofs]
+        count = len(systems)
+        channels = len(self.schema.channels)
+        nothing = np.zeros((count, channels + self._coordinates))
+        unstrained = State(np.zeros((count, self._own.dofs)), nothing)
+        self._at_rest, found = advance(self._own, unstrained, nothing, options)
         if not found.converged.all():
             raise ConvergenceError(
-                f"{int((~found.converged).sum())} of {len(exosuits)} unloaded exosuits have no stable pose; "
-                "check their shapes and fingers"
+                f"{int((~found.converged).sum())} of {count} unloaded systems have no stable pose; "
+                "check their bodies and contacts"
             )
-        self._at_rest, self._q, self._loads = np.asarray(rest.q), np.asarray(rest.q), nothing
+        self._reached = self._at_rest
+        self._commands = np.zeros((count, channels))
         self._joints = self.resting
         self.reset()
 
     def __len__(self) -> int:
-        return len(self.exosuits)
+        return len(self.systems)
+
+    @property
+    def _coordinates(self) -> int:
+        return sum(link.joint.dofs for link in self._links)
 
     @property
     def resting(self) -> Joints:
-        """The fingers as their exosuits' configuration has them."""
-        stiffness = np.stack([e.finger.joint_stiffness for e in self.exosuits]).astype(float)
+        """The joints as the systems have them."""
+        springs = [self._own[link.name].joint.stiffness for link in self._links]
+        stiffness = np.concatenate([np.asarray(s, dtype=float) for s in springs], axis=1)
         return Joints(stiffness, np.zeros_like(stiffness))
 
     @property
@@ -119,11 +132,15 @@ class BatchPlant:
         return self._state
 
     def reset(self, which: Bool[np.ndarray, " plants"] | None = None) -> BatchState:
-        """Return to u = 0 from the unstrained pose, forgetting the path so far; by default all of them."""
+        """Return to commands of 0 from the unstrained pose, forgetting the path; by default all of them."""
         chosen = np.ones(len(self), bool) if which is None else np.asarray(which, bool)
         column, own = chosen[:, None], self.resting
-        self._q = np.where(column, self._at_rest, self._q)
-        self._loads = np.where(column, 0.0, self._loads)
+        self._reached = jax.tree.map(
+            lambda rest, now: np.where(chosen.reshape(-1, *[1] * (np.ndim(now) - 1)), rest, now),
+            self._at_rest,
+            self._reached,
+        )
+        self._commands = np.where(column, 0.0, self._commands)
         self._hold(
             Joints(
                 np.where(column, own.stiffness, self._joints.stiffness),
@@ -132,61 +149,86 @@ class BatchPlant:
         )
         return self._look(np.ones(len(self), bool))
 
-    def step(self, u: Float[np.ndarray, " plants"], joints: Joints | None = None) -> BatchState:
-        """Change every actuation to its u [N], and perhaps the users' joints, infinitely slowly.
+    def step(
+        self, commands: Float[np.ndarray, "plants channels"], joints: Joints | None = None
+    ) -> BatchState:
+        """Change every plant's commands [each in its channel's unit], and perhaps the users' joints.
 
-        A plant that finds no stable pose on the way stays in the last one, whose u its state tells.
+        A plant that finds no stable pose on the way stays in the last one, whose commands its state
+        tells.
 
-        u       (plants,)   [N]
-        joints  by default as they are
+        commands  (plants, channels)
+        joints    by default as they are
 
-        Raises InputError for numbers of another shape or beyond ±limit, or joints that are no springs.
+        Raises InputError for commands of another shape or beyond the channels' ranges, or joints that are no
+        springs.
         """
-        u = np.asarray(u, dtype=float)
-        if u.shape != (len(self),) or not (np.abs(u) <= self.limit).all():  # NaN fails here too
-            raise InputError(f"actuation u: expected {len(self)} numbers within ±{self.limit:g} N")
+        if np.ndim(commands) != 2 or len(commands) != len(self):
+            raise InputError(
+                f"commands: expected shape ({len(self)}, {len(self.schema.channels)}), a row a plant, got "
+                f"{np.shape(commands)}"
+            )
+        asked = check_commands(self.schema.channels, commands)
         if joints is not None:
             self._check(joints)
             self._hold(joints)
-        end = np.column_stack([u, self._joints.stiffness * self._joints.rest])
-        state, found = advance(self._robots, State(self._q, self._loads), end, self._options)
-        self._q, self._loads = np.asarray(state.q), np.asarray(state.loads)
-        return self._look(np.asarray(found.converged))
+        end = np.column_stack([asked * self._gain, self._joints.stiffness * self._joints.rest])
+        self._reached, found = advance(self._robots, self._reached, end, self._options)
+        converged = np.asarray(found.converged)
+        stopped = np.asarray(self._reached.loads)[:, : asked.shape[1]] / self._gain
+        self._commands = np.where(converged[:, None], asked, stopped)
+        return self._look(converged)
 
     def pictures(
-        self, camera: Camera, which: Int[np.ndarray, " frames"] | None = None
+        self, camera: Camera | None = None, which: Int[np.ndarray, " frames"] | None = None
     ) -> UInt8[np.ndarray, "frames height width"]:
-        """What a camera sees of the plants as they are now, gray 0…255; by default of all, in order."""
-        chosen = slice(None) if which is None else which
-        pose = self._state.pose
-        bodies = (pose.centreline[chosen], self._surface[chosen], pose.finger[chosen], self._finger[chosen])
-        return render(tubes(*(np.asarray(part) for part in bodies)), camera)
+        """What a camera sees of the plants as they are now, gray 0…255; by default the systems' first one, of
+        all plants in order.
+        """
+        chosen = np.arange(len(self)) if which is None else which
+        axes = {name: axis[chosen] for name, axis in self._state.axes.items()}
+        own = jax.tree.map(lambda leaf: leaf[chosen], self._stacked)
+        return render(tubes(own, axes), camera or self.systems[0].camera())
 
     def _look(self, converged: Bool[np.ndarray, " plants"]) -> BatchState:
-        pose = jax.tree.map(lambda leaf: np.asarray(leaf[:, 0]), observe(self._robots, self._q[:, None]))
-        self._state = BatchState(self._loads[:, 0].copy(), pose.forces, self._q.copy(), converged, pose)
+        q = np.array(self._reached.q)
+        seen = observe(self._stacked, jnp.asarray(q[:, None]))
+        self._state = BatchState(
+            self.schema,
+            self._commands.copy(),
+            np.asarray(seen.readings[:, 0], dtype=float),
+            q,
+            converged,
+            {name: np.asarray(axis[:, 0]) for name, axis in seen.axes.items()},
+        )
         return self._state
 
     def _check(self, joints: Joints) -> None:
-        shape = (len(self), self._hinges)
+        shape = (len(self), self._coordinates)
         if not joints.stiffness.shape == joints.rest.shape == shape:
             raise InputError(f"joints: expected stiffness and rest of shape {shape}, got another")
-        if not (np.isfinite(joints.rest).all() and (joints.stiffness > 0).all()):
-            raise InputError("joints: expected finite rest angles and stiffness above 0 N m/rad")
+        springs = np.isfinite(joints.stiffness).all() and (joints.stiffness >= 0).all()
+        if not (np.isfinite(joints.rest).all() and springs):
+            raise InputError("joints: expected finite rest angles and finite stiffness of at least 0 N m/rad")
 
     def _hold(self, joints: Joints) -> None:
         """Put the springs into the robots; where they rest is a load."""
         self._joints = joints
+        ends = np.cumsum([link.joint.dofs for link in self._links])
+        springs = [jnp.asarray(part) for part in np.split(joints.stiffness, ends[:-1], axis=1)]
         self._robots = eqx.tree_at(
-            lambda robots: [robots[Finger.link_name(i)].joint.stiffness for i in range(self._hinges)],
+            lambda robots: [robots[link.name].joint.stiffness for link in self._links],
             self._own,
-            [jnp.asarray(joints.stiffness[:, i, None]) for i in range(self._hinges)],
+            springs if self._links else [],
         )
 
 
-def _movable(exosuit: Exosuit) -> Robot:
-    """The worn exosuit with a torque at each hinge: k times the angle at which its spring is slack."""
-    robot = assemble(exosuit)
-    hinges = range(len(exosuit.finger.joint_stiffness))
-    torques = tuple(JointTorque(Finger.link_name(i), channel=1 + i) for i in hinges)
+def _movable(system: System) -> Robot:
+    """The robot with a torque at each joint coordinate: k times the place at which its spring is slack."""
+    robot, channel = system.robot, len(system.actuators)
+    torques: list[JointTorque] = []
+    for body in robot.bodies:
+        if isinstance(body, Link):
+            for coordinate in range(body.joint.dofs):
+                torques.append(JointTorque(body.name, channel + len(torques), coordinate))
     return Robot(robot.bodies, (*robot.terms, *torques))

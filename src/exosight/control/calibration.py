@@ -1,60 +1,62 @@
-"""A network calibrated for one exosuit: its errors along the exosuit's own path are taken off (needs JAX).
+"""A network calibrated for one system: its errors along the system's own path are taken off (needs JAX).
 
-A network that knows many exosuits is a little wrong on each of them, in the same way whenever it takes the
-same pose. The path up and down, which `tune` solved, shows the poses that control will see.
+A network that was trained on many designs is a little wrong on each of them, in the same way whenever it
+takes the same pose. The path up and down, which `tune` solved, shows the poses that control will see.
 """
 
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 from jaxtyping import Bool, Float, Float32
 
 from exosight.control.estimator import Reader, Reading
 from exosight.control.paths import ControllerConfig
 from exosight.errors import ConvergenceError, InputError
-from exosight.exosuit.assembly import Exosuit, assemble, observe
-from exosight.mechanics import drive, stack
-from exosight.system.camera import Camera
+from exosight.mechanics import drive
+from exosight.system.observation import observe
+from exosight.system.schema import difference
+from exosight.system.system import System, stack_systems
 from exosight.vision.scene import picture
 
 _NEAR = 0.03
-"""How far [N] from the path an estimate may lie, over all contacts, to be corrected by more than 61 %."""
+"""How far [N] from the path an estimate may lie, over all outputs, to be corrected by more than 61 %."""
 
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """An estimator whose forces are corrected by its errors on a path of poses.
+    """An estimator whose outputs are corrected by its errors on a path of poses.
 
         f = e − w (e_p − f_p),    w = exp(−½ (|e − e_p| / 0.03 N)²),
 
     with e the estimate, e_p the nearest one on the path and f_p the true forces there. Far from the path, on
-    another exosuit or with a user who moves, it is what it was.
+    another design or with a user who moves, it is what it was.
 
     estimator  the network
-    estimated  (points, 7)   on C1…C7 at points of the path [N]
-    true       (points, 7)   [N]
-    joined     (points − 1)  there is a smooth way between a point and the next: the pose did not jump
+    estimated  (points, outputs)   at points of the path [N]
+    true       (points, outputs)   [N]
+    joined     (points − 1)        there is a smooth way between a point and the next: the pose did not jump
 
     Raises InputError for fewer than two points, other shapes or numbers that are not finite.
     """
 
     estimator: Reader
-    estimated: Float[np.ndarray, "points 7"]
-    true: Float[np.ndarray, "points 7"]
+    estimated: Float[np.ndarray, "points outputs"]
+    true: Float[np.ndarray, "points outputs"]
     joined: Bool[np.ndarray, " ways"]
 
     def __post_init__(self) -> None:
         count = len(self.estimated)
-        if count < 2 or not self.estimated.shape == self.true.shape == (count, 7):
-            raise InputError("calibration: expected two points or more, with 7 forces each")
+        if count < 2 or self.estimated.shape != self.true.shape:
+            raise InputError(
+                "calibration: expected two points or more, with estimated and true outputs of one shape"
+            )
         if self.joined.shape != (count - 1,) or not self.joined.any():
             raise InputError("calibration: expected to be told which points are joined, at least two of them")
         if not (np.isfinite(self.estimated).all() and np.isfinite(self.true).all()):
-            raise InputError("calibration: expected finite newtons, got a number that is not")
+            raise InputError("calibration: expected finite numbers, got one that is not")
 
-    def estimate(self, images: np.ndarray) -> Float32[np.ndarray, "frames 7"]:
-        """Forces on C1…C7 [N], one row an image; arguments and errors as for `OnnxEstimator.read`."""
+    def estimate(self, images: np.ndarray) -> Float32[np.ndarray, "frames outputs"]:
+        """Outputs, one row an image; arguments and errors as for `OnnxEstimator.read`."""
         return self.read(images).forces
 
     def read(self, images: np.ndarray, level: float = 0.9) -> Reading:
@@ -69,7 +71,7 @@ class Calibrated:
             high=np.maximum(seen.high - error, zero),
         )
 
-    def _error(self, estimate: Float[np.ndarray, "7"]) -> Float[np.ndarray, "7"]:
+    def _error(self, estimate: Float[np.ndarray, " outputs"]) -> Float[np.ndarray, " outputs"]:
         """What is taken off one estimate [N]."""
         start = self.estimated[:-1][self.joined]
         way = self.estimated[1:][self.joined] - start
@@ -83,28 +85,31 @@ class Calibrated:
         return weight * (first + share[nearest] * (second - first))
 
 
-def calibrate_estimator(
-    estimator: Reader, exosuit: Exosuit, config: ControllerConfig, camera: Camera
-) -> Calibrated:
-    """The network with its errors on this exosuit's path known.
+def calibrate_estimator(estimator: Reader, system: System, config: ControllerConfig) -> Calibrated:
+    """The network with its errors on this system's path known.
 
-    config   of this exosuit, from `tune`
-    camera   that will look at it, of the size that the network was trained with
+    system   its first camera is the one that will look at it, of the size that the network was trained with
+    config   of this system, from `tune`
 
-    Raises InputError for a camera of another size, ConvergenceError if the path has no stable pose at some
-    load.
+    Raises InputError for a configuration of another system, ConvergenceError if the path has no stable pose
+    at some command.
     """
-    robot = assemble(exosuit)
+    found = difference(system.schema, config.schema)
+    if found:
+        raise InputError(f"calibration: expected a controller that was tuned for this system; {found}")
     u = np.concatenate([config.loading.u, config.unloading.u[1:]])
-    found = drive([robot], u[:, None])
-    if not found.converged.all():
-        lost = float(u[int(np.argmin(found.converged[0]))])
-        raise ConvergenceError(f"no stable pose at u = {lost:g} N; tune with a smaller limit")
-    pose = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack([robot]), found.q))
-    images = picture(exosuit, pose, camera)
+    path = drive([system.robot], system.loads(np.stack([config.commands(each) for each in u])))
+    if not path.converged.all():
+        lost = float(u[int(np.argmin(path.converged[0]))])
+        raise ConvergenceError(
+            f"no stable pose at {config.channel} = {lost:g} {config.driven.unit}; "
+            "give the channel a smaller range"
+        )
+    seen = observe(stack_systems([system]), path.q)
+    images = picture(system, {name: axis[0] for name, axis in seen.axes.items()})
     return Calibrated(
         estimator,
         estimated=estimator.read(images).forces.astype(float),
-        true=np.asarray(pose.forces)[:, 1:].astype(float),
-        joined=~np.asarray(found.snapped[0])[1:],
+        true=np.asarray(seen.readings[0], dtype=float)[:, system.schema.output_indices()],
+        joined=~np.asarray(path.snapped[0])[1:],
     )

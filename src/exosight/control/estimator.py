@@ -1,4 +1,4 @@
-"""Contact forces from images: the interface that control sees, and the trained network behind it."""
+"""Sensors estimated from images: the interface that control uses, and the trained network behind it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from exosight.errors import DataError, InputError
 from exosight.learning.intervals import interval
 from exosight.learning.model_file import OUTPUTS, ModelCard, open_model
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
+from exosight.learning.outputs import nonnegative
 
 DEFAULT_MODEL = Path(__file__).parents[1] / "models" / "light.onnx"
 """The network that comes with the package; its card lies beside it."""
@@ -22,35 +23,37 @@ _BATCH = 64
 
 @runtime_checkable
 class Estimator(Protocol):
-    """Contact forces from images; all that control knows of an estimator."""
+    """Sensors from images; all that control needs of an estimator."""
 
-    def estimate(self, images: UInt8[np.ndarray, "frames height width"]) -> Float32[np.ndarray, "frames 7"]:
-        """Forces on C1…C7 [N], one row an image."""
+    def estimate(
+        self, images: UInt8[np.ndarray, "frames height width"]
+    ) -> Float32[np.ndarray, "frames outputs"]:
+        """The estimated sensors of a schema [their units], one row an image."""
         ...
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What a network reads off images, one row an image."""
+    """What a network estimates from images, one row an image."""
 
-    forces: Float32[np.ndarray, "frames 7"]
-    """on C1…C7 [N]"""
-    low: Float32[np.ndarray, "frames 7"]
-    """lower end of the interval [N]"""
-    high: Float32[np.ndarray, "frames 7"]
-    """upper end [N]"""
-    contact: Float32[np.ndarray, "frames 7"]
-    """probability that there is contact [-]"""
+    forces: Float32[np.ndarray, "frames outputs"]
+    """the estimated sensors of the card's schema [their units]"""
+    low: Float32[np.ndarray, "frames outputs"]
+    """lower end of the interval [their units]"""
+    high: Float32[np.ndarray, "frames outputs"]
+    """upper end [their units]"""
+    contact: Float32[np.ndarray, "frames outputs"]
+    """probability that there is contact [-]; 0 for a sensor that is not a force"""
     ood_score: Float32[np.ndarray, " frames"]
-    """how unlike those learned from an image is, as a share of what is still trusted: above 1, do not"""
+    """OOD score of each image as a share of its limit: above 1, it is out of distribution"""
 
 
 @runtime_checkable
 class Reader(Protocol):
-    """An estimator that also tells how far to trust it; all that a guard's eyes need."""
+    """An estimator with intervals and OOD scores; all that a guard needs."""
 
     def read(self, images: np.ndarray, level: float = 0.9) -> Reading:
-        """Forces, intervals, contact and how unlike those learned from each image is."""
+        """Values, intervals, contact and OOD score of each image."""
         ...
 
 
@@ -94,20 +97,20 @@ class OnnxEstimator:
 
     def estimate(
         self, images: np.ndarray, inputs: ModelInputs = IMAGE_ONLY
-    ) -> Float32[np.ndarray, "frames 7"]:
-        """Forces on C1…C7 [N], one row an image; arguments and errors as for `read`."""
+    ) -> Float32[np.ndarray, "frames outputs"]:
+        """The estimated sensors [their units], one row an image; arguments and errors as for `read`."""
         return self.read(images, inputs=inputs).forces
 
     def read(self, images: np.ndarray, level: float = 0.9, inputs: ModelInputs = IMAGE_ONLY) -> Reading:
-        """Forces, intervals and contact.
+        """Values, intervals and contact.
 
         images    (frames, height, width)  uint8 gray values, of the size that the network was trained on
-        level     share of images, of the kind that the network was calibrated with, whose true force is to
+        level     share of images, of the kind that the network was calibrated with, whose true value is to
                   lie in its interval: one of `exosight.learning.intervals.LEVELS`
-        beside    earlier images and actuation, where its card asks for them
+        inputs    earlier images and commands, where its card says so
 
-        Raises InputError for images of another type or size, or something else beside them; DataError if the
-        network answers no number.
+        Raises InputError for images of another type or size, or other inputs; DataError if the network
+        answers no number.
         """
         return self.read_levels(images, (level,), inputs)[level]
 
@@ -115,29 +118,30 @@ class OnnxEstimator:
         self, images: np.ndarray, levels: Sequence[float], inputs: ModelInputs = IMAGE_ONLY
     ) -> dict[float, Reading]:
         """The same with the intervals of several levels, for the work of one: level → reading."""
-        size = (self.card.image_height, self.card.image_width)
+        card, size = self.card, self.card.image_size
         if images.dtype != np.uint8 or images.ndim != 3 or images.shape[1:] != size:
             raise InputError(
                 f"images: this estimator needs uint8 (frames, {size[0]}, {size[1]}), got {images.dtype} "
                 f"{images.shape}; render or resize them to {size[0]}×{size[1]} pixels"
             )
-        check_inputs(images, inputs, self.card.history, self.card.actuation)
-        found = np.empty((3, len(images), len(self.card.contacts)), np.float32)
+        check_inputs(images, inputs, card.history, card.channels)
+        found = np.empty((3, len(images), len(card.schema.outputs)), np.float32)
         ood_score = np.empty(len(images), np.float32)
         for start in range(0, len(images), _BATCH):
             part = slice(start, start + _BATCH)
-            own = ModelInputs(*(None if x is None else x[part] for x in (inputs.history, inputs.u)))
+            own = ModelInputs(*(None if x is None else x[part] for x in (inputs.history, inputs.commands)))
             given = {"image": stacked(images[part], own).astype(np.float32) / np.float32(255)}
-            if own.u is not None:
-                given["u"] = own.u
+            if own.commands is not None:
+                given["commands"] = own.commands
             *found[:, part], ood_score[part] = self.session.run(list(OUTPUTS), given)
         if not (np.isfinite(found).all() and np.isfinite(ood_score).all()):
-            raise DataError("the network answers forces that are not finite; train and export it again")
-        forces, expected_error, contact = found
-        ood_score /= np.float32(self.card.ood_limit)
+            raise DataError("the network answers numbers that are not finite; train and export it again")
+        values, expected_error, contact = found
+        ood_score /= np.float32(card.ood_limit)
+        forced = nonnegative(card.schema)
         return {
             level: Reading(
-                forces, *interval(self.card.widths, level, forces, expected_error), contact, ood_score
+                values, *interval(card.widths, level, values, expected_error, forced), contact, ood_score
             )
             for level in levels
         }

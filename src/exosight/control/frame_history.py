@@ -1,23 +1,23 @@
-"""What a network is shown beside the next image of a loop: earlier ones and u."""
+"""Inputs of a network beside the next image of a loop: earlier images and the commands."""
 
 from collections import deque
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
 from exosight.errors import InputError
 from exosight.learning.model_file import ModelCard
-from exosight.learning.model_inputs import HISTORY_SPACING, ModelInputs
+from exosight.learning.model_inputs import HISTORY_SPACING, ModelInputs, command_change
 
 
 class FrameHistory:
-    """Keeps the last images of a loop, for a network that sees them beside the newest.
+    """Keeps the last images of a loop, for a network that has them as inputs beside the newest.
 
-    The exosuit is quasi-static: what it did is told by u, not by time. So images are remembered as far apart
-    in u as those that the network learned from, however long it rests between them, and it begins anew
-    at u = 0, where the exosuit is at rest.
+    The system is quasi-static: what it did follows from the commands, not from time. So images are kept as
+    far apart in the commands as those that the network learned from, however long it rests between them, and
+    the history begins anew without commands, where the system is at rest.
 
-    card   of the network: what it asks for
+    card   of the network: its inputs
 
     Raises InputError if the card asks for earlier images and does not tell how far apart.
     """
@@ -25,7 +25,7 @@ class FrameHistory:
     def __init__(self, card: ModelCard) -> None:
         self._card, self._apart = card, 0.0
         # The newest stands for the present, those behind it are the history.
-        self._seen: deque[tuple[float, np.ndarray]] = deque(maxlen=card.history + 1)
+        self._seen: deque[tuple[np.ndarray, np.ndarray]] = deque(maxlen=card.history + 1)
         if card.history:
             try:
                 # Steps of a path are equal but for round-off.
@@ -36,18 +36,22 @@ class FrameHistory:
                     "train it with exosight train"
                 ) from error
 
-    def inputs(self, image: UInt8[np.ndarray, "height width"], u: float) -> ModelInputs:
-        """What the network asks for beside this image, which is remembered.
+    def inputs(
+        self, image: UInt8[np.ndarray, "height width"], commands: Float[np.ndarray, " channels"]
+    ) -> ModelInputs:
+        """The network's inputs beside this image, which is remembered.
 
-        u   actuation under which it was taken [N]
+        commands   under which it was taken [the channels' units]
         """
-        if u == 0:
+        commands = np.array(commands, float)
+        if not commands.any():
             self._seen.clear()
-        if not self._seen or abs(u - self._seen[0][0]) > self._apart:
-            self._seen.appendleft((u, image))
+        schema = self._card.schema
+        if not self._seen or command_change(schema, self._seen[0][0], commands) > self._apart:
+            self._seen.appendleft((commands, image))
         images = [image, *(seen for _, seen in list(self._seen)[1:])]
         images += [images[-1]] * (self._card.history + 1 - len(images))
         return ModelInputs(
             np.stack(images[1:])[None] if self._card.history else None,
-            np.array([u], np.float32) if self._card.actuation else None,
+            commands[None].astype(np.float32) if self._card.actuation else None,
         )

@@ -8,11 +8,12 @@
                                                       frames in a row → RELEASE
     RELEASE   → 0 at the full rate, blindly           at u = 0, after 5 good frames in a row → SLOW
 
-From every other state a contact beyond its limit by a quarter leads to RELEASE, and so does a bad frame while
-the target is 0 N. Good frames are counted from the moment the state is entered. The numbers are those of
+From every other state an output beyond its limit by a quarter leads to RELEASE, and so does a bad frame while
+the target is 0. Good frames are counted from the moment the state is entered. The numbers are those of
 `GuardConfig`.
 """
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
@@ -25,10 +26,11 @@ from pydantic.dataclasses import dataclass as configuration
 
 from exosight.control.estimator import Reading
 from exosight.control.paths import ControllerConfig, limited
+from exosight.control.plant import channel_index
 from exosight.control.scheduled import RELEASED, Scheduled
 from exosight.errors import InputError
 
-_LARGEST = 50.0  # [N]: no estimate of one contact is beyond it
+_LARGEST = 50.0  # [N or rad]: no estimate is beyond it
 _HISTORY = 64  # actuations remembered, for pictures that come late
 
 Count = Annotated[int, Field(ge=1, le=1000)]
@@ -50,19 +52,20 @@ class GuardConfig:
     doubtful_ood_score: Annotated[float, Field(gt=0, le=1)] = 0.8
     """OOD score from which on an estimate is doubtful; above 1 the frame is bad [-]"""
     doubtful_width: Annotated[float, Field(gt=0)] = 0.3
-    """width of the intervals of C1…C7, summed up, from which on an estimate is doubtful [N]"""
+    """width of the interval of the controlled sensor from which on an estimate is doubtful [its unit]"""
     oldest: Annotated[float, Field(gt=0)] = 0.5
     """age above which a frame is stale [s]"""
     least_contrast: Annotated[int, Field(ge=1, le=255)] = 10
     """brightest − darkest gray value below which a frame is black or blank"""
-    frozen_move: Annotated[float, Field(gt=0)] = 0.1
-    """change of u under which a frame that stays the same, bit by bit, is frozen [N]"""
+    frozen_move: Annotated[float, Field(gt=0)] = 0.025
+    """change of u, as a share of the channel's peak, under which a frame that stays the same is frozen [-]"""
     frozen_frames: Annotated[int, Field(ge=0, le=1000)] = 0
     """same frames in a row that are frozen whatever u does; 0 for a camera without noise"""
-    astray: Annotated[float, Field(gt=0)] = 0.1
-    """difference of the plant's u from the one asked for, from which on it does not follow [N]"""
+    astray: Annotated[float, Field(gt=0)] = 0.025
+    """difference of the plant's u from the one asked for, as a share of the channel's peak, from which on it
+    does not follow [-]"""
     overload: Annotated[float, Field(ge=1)] = 1.25
-    """share of its limit above which the force on a contact is too large"""
+    """share of its limit above which an output is too large"""
     bad_frames: Count = 2
     """bad frames in a row that lead to HOLD, and from there to RELEASE; u stays at the first already"""
     hold_steps: Count = 5
@@ -82,18 +85,21 @@ class Measurement:
     image    (height, width)  gray 0…255; None: no frame came
     reading  what the estimator read off it, one row; None: it answered nothing
     age      of the frame [s]
-    u        actuation that the plant reports with the frame [N]; None: it reports none
+    commands (channels,)  that the plant reports with the frame [each in its unit]; None: it reports none
     """
 
     image: UInt8[np.ndarray, "height width"] | None = None
     reading: Reading | None = None
     age: float = 0.0
-    u: float | None = None
+    commands: Float[np.ndarray, " channels"] | None = None
 
-    @property
-    def net_force(self) -> float:
-        """F_net as it was read [N]; NaN if nothing was."""
-        return float("nan") if self.reading is None else float(self.reading.forces.sum())
+    def sum(self, weights: Float[np.ndarray, " outputs"]) -> float:
+        """weights · outputs as they were read; NaN if nothing was."""
+        return (
+            math.nan
+            if self.reading is None
+            else float((self.reading.forces[0] * weights.astype(np.float32)).sum())
+        )
 
 
 @dataclass(frozen=True)
@@ -124,6 +130,7 @@ class Guarded:
     log: list[Transition] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
+        self._channel = channel_index(self.config.schema, self.config.channel)
         self.reset()
 
     @property
@@ -146,32 +153,36 @@ class Guarded:
         self._frame: np.ndarray | None = None
         self._frame_u = 0.0
 
-    def step(self, target: float | Float[np.ndarray, "7"], measurement: Measurement) -> float:
-        """The actuation of the coming step [N].
+    def step(self, target: float | Float[np.ndarray, " outputs"], measurement: Measurement) -> float:
+        """The command of the coming step [the channel's unit].
 
-        target    F_t [N], or one for each of C1…C7
+        target    of the controlled sensor [its unit], or (outputs,) one for each estimated sensor
 
         Raises InputError if the target is no finite number.
         """
         if not np.isfinite(target).all():
-            raise InputError(f"target force: expected finite newtons, got {target}")
+            raise InputError(f"target: expected finite numbers, got {target}")
+        goal = self.config.sum(target) if isinstance(target, np.ndarray) else float(target)
         self._steps += 1
         self._inside += 1
         fault = self._fault(measurement)
-        forces = None if fault or measurement.reading is None else measurement.reading.forces[0].astype(float)
-        doubt = fault or self._doubt(measurement, float(np.sum(target)), forces)
+        outputs = (
+            None if fault or measurement.reading is None else measurement.reading.forces[0].astype(float)
+        )
+        doubt = fault or self._doubt(measurement, goal, outputs)
         self._bad = self._bad + 1 if fault else 0
         self._good = 0 if fault else self._good + 1
         self._sure = 0 if doubt else self._sure + 1
-        self._change(float(np.sum(target)) < RELEASED, fault, doubt, forces)
+        self._change(goal < RELEASED, fault, doubt, outputs)
         u = self._past[-1]
         if self.state is State.RELEASE:
             wanted = 0.0
-        elif self.state is State.HOLD or forces is None:
+        elif self.state is State.HOLD or outputs is None:
             wanted = u
         else:
-            at = self._then(measurement.age) if measurement.u is None else measurement.u
-            wanted = self.law.next(target, float(forces.sum()), forces, at)
+            reported = self._reported(measurement)
+            at = self._then(measurement.age) if reported is None else reported
+            wanted = self.law.next(target, self.config.sum(outputs), outputs, at)
             if self.state is State.SLOW and wanted > max(u, 0.0):
                 wanted = u + self.guard.slow * (wanted - u)
         # Said once more: whatever happens above, this is all that the plant is ever given.
@@ -180,8 +191,12 @@ class Guarded:
         self._past.append(u)
         return u
 
+    def _reported(self, measurement: Measurement) -> float | None:
+        """The command of the driven channel as the plant reports it."""
+        return None if measurement.commands is None else float(measurement.commands[self._channel])
+
     def _then(self, age: float) -> float:
-        """The actuation of so long ago [N]."""
+        """The command of so long ago."""
         back = min(round(age / self.config.period), len(self._past) - 1)
         return self._past[-1 - back]
 
@@ -196,16 +211,19 @@ class Guarded:
             return "a black or blank frame"
         if self._is_frozen(image, self._then(measurement.age)):
             return "a frozen frame, the same bit by bit"
-        if measurement.u is not None and not abs(measurement.u - self._then(measurement.age)) <= guard.astray:
-            return f"the plant stands at u = {measurement.u:.2f} N, not where it was told to"
+        driven, then = self.config.driven, self._then(measurement.age)
+        reported = self._reported(measurement)
+        if reported is not None and not abs(reported - then) <= guard.astray * driven.peak:
+            at = f"{driven.name} = {reported:.2f} {driven.unit}"
+            return f"the plant stands at {at}, not where it was told to"
         if reading is None:
             return "no estimate"
         rows = np.concatenate([reading.forces, reading.low, reading.high])
-        if rows.shape != (3, 7) or reading.ood_score.shape != (1,):
+        if rows.shape != (3, len(self.config.weights)) or reading.ood_score.shape != (1,):
             return "an estimate of another shape"
         # NaN fails in each of these.
         if not (np.abs(rows) <= _LARGEST).all() or not (rows[1] <= rows[2]).all():
-            return "an estimate that is no force"
+            return "an estimate that is no reading"
         if not reading.ood_score[0] <= 1:
             return f"an out-of-distribution image, score {reading.ood_score[0]:.2f}"
         return ""
@@ -216,33 +234,38 @@ class Guarded:
             self._frame, self._frame_u, self._same = image.copy(), then, 0
             return False
         self._same += 1
-        moved = abs(then - self._frame_u) >= self.guard.frozen_move
+        moved = abs(then - self._frame_u) >= self.guard.frozen_move * self.config.driven.peak
         return moved or 0 < self.guard.frozen_frames <= self._same
 
-    def _doubt(self, measurement: Measurement, target: float, forces: np.ndarray | None) -> str:
+    def _doubt(self, measurement: Measurement, target: float, outputs: np.ndarray | None) -> str:
         """Why this frame is acted on with care only; empty if it is trusted."""
-        if forces is None or measurement.reading is None:
+        if outputs is None or measurement.reading is None:
             return "no estimate"
-        short = forces.sum() < target and self._past[-1] >= self.config.u_max
+        short = self.config.sum(outputs) < target and self._past[-1] >= self.config.u_max
         self._at_limit = self._at_limit + 1 if short else 0
-        width = float((measurement.reading.high - measurement.reading.low).sum())
-        ood_score = float(measurement.reading.ood_score[0])
+        reading, config = measurement.reading, self.config
+        width = float(((reading.high - reading.low)[0] * config.weights.astype(np.float32)).sum())
+        ood_score = float(reading.ood_score[0])
         if width >= self.guard.doubtful_width:
-            return f"an estimate that may be {width:.2f} N off"
+            return f"an estimate that may be {width:.2f} {config.controlled.unit} off"
         if ood_score >= self.guard.doubtful_ood_score:
             return f"an image close to out of distribution, score {ood_score:.2f}"
         if self._at_limit >= self.guard.limit_steps:
-            return f"the target is not reached at the largest u, {self.config.u_max:.2f} N"
+            largest = f"{config.driven.name}, {config.u_max:.2f} {config.driven.unit}"
+            return f"the target is not reached at the largest {largest}"
         return ""
 
-    def _change(self, releasing: bool, fault: str, doubt: str, forces: np.ndarray | None) -> None:
+    def _change(self, releasing: bool, fault: str, doubt: str, outputs: np.ndarray | None) -> None:
         guard, state, at_rest = self.guard, self.state, self._past[-1] == 0
         if state is not State.RELEASE:
-            if forces is not None and (forces > guard.overload * self.config.contact_limit).any():
-                worst = int((forces / self.config.contact_limit).argmax())
-                return self._go(State.RELEASE, f"C{worst + 1} presses with {forces[worst]:.2f} N")
+            limits = self.config.output_limits
+            if outputs is not None and (outputs > guard.overload * limits).any():
+                worst = int((outputs / limits).argmax())
+                spec = self.config.schema.estimated[worst]
+                verb = "presses with" if spec.quantity == "contact force" else "reads"
+                return self._go(State.RELEASE, f"{spec.name} {verb} {outputs[worst]:.2f} {spec.unit}")
             if fault and releasing and not at_rest:
-                return self._go(State.RELEASE, f"{fault}, and a target of 0 N")
+                return self._go(State.RELEASE, f"{fault}, and a target of 0 {self.config.controlled.unit}")
         if state in (State.NORMAL, State.SLOW):
             if self._bad >= guard.bad_frames:
                 self._go(State.HOLD, fault)

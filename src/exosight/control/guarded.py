@@ -9,6 +9,8 @@ from exosight.control.estimator import Reader, Reading, read_one
 from exosight.control.guard import Guarded, Measurement
 from exosight.control.loop import Record, run
 from exosight.control.plant import Observation, Plant
+from exosight.errors import InputError
+from exosight.system.schema import difference
 
 Sense = Callable[[Observation], Measurement]
 """What the guard is shown of an observation; wrap it to delay, drop or spoil frames."""
@@ -18,31 +20,40 @@ def measurement_from(estimator: Reader) -> Sense:
     """Picture, estimate, interval and score; a network that answers no number has answered nothing."""
 
     def sense(observation: Observation) -> Measurement:
-        return Measurement(observation.image, read_one(estimator.read, observation.image), u=observation.u)
+        reading = read_one(estimator.read, observation.image)
+        return Measurement(observation.image, reading, commands=observation.commands)
 
     return sense
 
 
 def true_measurement(observation: Observation) -> Measurement:
-    """The picture with the forces that the simulation knows: a perfect estimator, sure of itself."""
-    forces = observation.forces[None, 1:].astype(np.float32)
-    pressing = (forces > 0).astype(np.float32)
-    return Measurement(
-        observation.image, Reading(forces, forces, forces, pressing, np.zeros(1, np.float32)), u=observation.u
-    )
+    """The picture with what the simulation knows of the estimated sensors: a perfect estimator, sure of
+    itself."""
+    outputs = observation.outputs[None].astype(np.float32)
+    pressing = (outputs > 0).astype(np.float32)
+    score = np.zeros(1, np.float32)
+    reading = Reading(outputs, outputs, outputs, pressing, score)
+    return Measurement(observation.image, reading, commands=observation.commands)
 
 
 def run_guarded(plant: Plant, guarded: Guarded, sense: Sense, target: Float[np.ndarray, " steps"]) -> Record:
     """Reset plant and controller, then follow the target, as `run` does; `guarded.log` tells what happened.
 
-    F_net_estimated of the record is NaN where no estimate came.
+    `estimated` of the record is NaN where no estimate came.
 
-    target   (steps,)  F_t of each step [N]; that of row 0 is on record but not acted on
+    target   (steps,)  of each step [the sensor's unit]; that of row 0 is on record but not acted on
 
-    Raises InputError for a target that is empty or not finite.
+    Raises InputError for a target that is empty or not finite, or a plant of another schema than the
+    controller was tuned for.
     """
+    config = guarded.config
+    found = difference(config.schema, plant.schema)
+    if found:
+        raise InputError(
+            f"controller: the plant is not the one that it was tuned for: {found}; tune it again"
+        )
     driver = _Driver(guarded, sense)
-    return run(plant, driver, driver.measure, target, rate=1 / guarded.config.period)
+    return run(plant, driver, driver.measure, target, config.sensor, config.channel, rate=1 / config.period)
 
 
 class _Driver:
@@ -56,7 +67,7 @@ class _Driver:
 
     def measure(self, observation: Observation) -> float:
         self._measurement = self._sense(observation)
-        return self._measurement.net_force
+        return self._measurement.sum(self._guarded.config.weights)
 
     def next(self, target: float, measured: float) -> float:
         return self._guarded.step(target, self._measurement)

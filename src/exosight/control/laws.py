@@ -7,8 +7,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from exosight.control.paths import ControllerConfig
-from exosight.control.plant import ACTUATION_LIMIT
 from exosight.errors import InputError
+from exosight.system.schema import Channel
 
 
 @runtime_checkable
@@ -20,59 +20,60 @@ class Law(Protocol):
         ...
 
     def next(self, target: float, measured: float) -> float:
-        """The actuation u [N] for the coming step.
+        """The command u [the channel's unit] for the coming step.
 
-        target    F_t of that step [N]
-        measured  F_net under the present actuation [N]
+        target    of that step [the sensor's unit]
+        measured  what the sensor reads under the present command [its unit]
         """
         ...
 
 
 @dataclass
 class Proportional:
-    """The paper's law: u_k = u_{k−1} + K_P e_k with e_k = F_t − F_net, u_0 = 0, clipped to ±limit.
+    """The paper's law: u_k = u_{k−1} + K_P e_k with e_k = target − measured, u_0 = 0, clipped to the
+    channel's range.
 
-    As u is summed up, it acts as an integrator on F_net: the only pose it rests in has no error. The sum
+    As u is summed up, it acts as an integrator on the sensor: the only pose it rests in has no error. The sum
     itself is clipped, so it does not wind up at the limit. A measurement that is no finite number (a lost
     frame) leaves u as it is.
 
-    gain   K_P [N/N]
-    limit  largest |u| [N]
+    gain     K_P [the channel's unit per that of the sensor]
+    channel  that it drives
 
-    Raises InputError unless both are finite numbers above 0.
+    Raises InputError unless the gain is a finite number above 0.
     """
 
     gain: float
-    limit: float = ACTUATION_LIMIT
+    channel: Channel
     _u: float = field(init=False, repr=False, default=0.0)
 
     def __post_init__(self) -> None:
-        for name, value, unit in (("gain K_P", self.gain, "N/N"), ("limit", self.limit, "N")):
-            if not 0 < value < math.inf:
-                raise InputError(f"{name}: expected a finite number above 0 {unit}, got {value}")
+        if not 0 < self.gain < math.inf:
+            raise InputError(f"gain K_P: expected a finite number above 0, got {self.gain}")
 
     def reset(self) -> None:
         """Return to u_0 = 0."""
         self._u = 0.0
 
     def next(self, target: float, measured: float) -> float:
-        """The actuation u_k [N].
+        """The command u_k [the channel's unit].
 
-        target    F_t [N]
-        measured  F_net under u_{k−1} [N]
+        target    [the sensor's unit]
+        measured  under u_{k−1} [the sensor's unit]
 
         Raises InputError if the target is no finite number.
         """
         if not math.isfinite(target):
-            raise InputError(f"target force: expected a finite number of newtons, got {target}")
+            raise InputError(f"target: expected a finite number, got {target}")
         if math.isfinite(measured):
-            self._u = max(-self.limit, min(self.limit, self._u + self.gain * (target - measured)))
+            wanted = self._u + self.gain * (target - measured)
+            self._u = max(self.channel.low, min(self.channel.high, wanted))
         return self._u
 
 
 @dataclass(frozen=True)
 class OpenLoop:
-    """No feedback: the load at which the solved path up first shows the target, whatever is measured."""
+    """No feedback: the command at which the solved path up first shows the target, whatever is measured."""
 
     config: ControllerConfig
 
@@ -80,10 +81,10 @@ class OpenLoop:
         """Nothing to forget."""
 
     def next(self, target: float, measured: float) -> float:
-        """The actuation u = U↑(F_t) [N]; 0 for no target.
+        """The command u = U↑(target) [the channel's unit]; 0 for no target.
 
         Raises InputError if the target is no finite number.
         """
         if not math.isfinite(target):
-            raise InputError(f"target force: expected a finite number of newtons, got {target}")
+            raise InputError(f"target: expected a finite number, got {target}")
         return float(np.interp(target, *self.config.loading.inverse())) if target > 0 else 0.0

@@ -6,47 +6,88 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, UInt8
 
-ACTUATION_LIMIT = 6.0
-"""Largest |u| that controllers ask for and plants take by default [N]; not printed in the paper."""
+from exosight.errors import InputError
+from exosight.system.schema import Channel, Schema
 
 
 @dataclass(frozen=True)
 class Observation:
-    """The worn exosuit at rest under one actuation; a real plant answers NaN for what it cannot know.
+    """A plant at rest under one command of each channel; a real plant answers NaN for what it cannot know.
 
-    u               actuation of this very pose [N]: the one asked for, unless `converged` is False
+    schema          names and units of channels and sensors
+    commands        (channels,)       of this very pose [each in its channel's unit]: the ones asked for,
+                    unless `converged` is False
     image           (height, width)   what the camera sees, gray 0…255
-    forces          (8,)              true contact force on C0…C7 [N]
+    readings        (sensors,)        true readings of all sensors, in the order of the schema [each in its
+                    unit]
     q               (dofs,)           coordinates of the pose (radians, dimensionless strains)
-    converged       False: no stable pose was found on the way to the actuation that was asked for, and this
+    converged       False: no stable pose was found on the way to the commands that were asked for, and this
                     is the last one before
-    min_eigenvalue  how stable the pose is [-]: 1 for the unloaded exosuit, 0 where it snaps
+    min_eigenvalue  how stable the pose is [-]: 1 for the unloaded plant, 0 where it snaps
     """
 
-    u: float
+    schema: Schema
+    commands: Float[np.ndarray, " channels"]
     image: UInt8[np.ndarray, "height width"]
-    forces: Float[np.ndarray, "8"]
+    readings: Float[np.ndarray, " sensors"]
     q: Float[np.ndarray, " dofs"]
     converged: bool
     min_eigenvalue: float
 
+    def reading(self, sensor: str) -> float:
+        """What one sensor reads [its unit]; InputError if there is none of this name."""
+        return float(self.readings[self.schema.index(sensor)])
+
     @property
-    def net_force(self) -> float:
-        """F_net: the sum over C1…C7 [N]."""
-        return float(self.forces[1:].sum())
+    def outputs(self) -> Float[np.ndarray, " outputs"]:
+        """What the estimated sensors read, in the order of a network's outputs [each in its unit]."""
+        return self.readings[self.schema.output_indices()]
 
 
 @runtime_checkable
 class Plant(Protocol):
-    """A finger in an exosuit that can be actuated."""
+    """Something that can be actuated and looked at."""
+
+    @property
+    def schema(self) -> Schema:
+        """Its channels, sensors and cameras."""
+        ...
 
     def reset(self) -> Observation:
-        """Return to u = 0 from the unstrained pose, forgetting the path so far."""
+        """Return to commands of 0 from the unstrained pose, forgetting the path so far."""
         ...
 
-    def apply(self, u: float) -> Observation:
-        """Change the actuation to u [N] and come to rest.
+    def apply(self, commands: Float[np.ndarray, " channels"]) -> Observation:
+        """Change the command of every channel [its unit] and come to rest.
 
-        Raises InputError if u is not a number within the plant's limits.
+        Raises InputError for commands that are no numbers within the channels' ranges.
         """
         ...
+
+
+def channel_index(schema: Schema, name: str | None = None) -> int:
+    """Place of a channel, by default the first; InputError if there is none of this name."""
+    if name is None:
+        return 0
+    names = [channel.name for channel in schema.channels]
+    if name not in names:
+        raise InputError(f"channel: the system {schema.system} has no {name!r}; it has {', '.join(names)}")
+    return names.index(name)
+
+
+def check_commands(
+    channels: tuple[Channel, ...], commands: Float[np.ndarray, "*batch channels"]
+) -> Float[np.ndarray, "*batch channels"]:
+    """The commands as floats; InputError unless each is a number within its channel's range."""
+    values = np.asarray(commands, dtype=float)
+    if values.shape[-1:] != (len(channels),):
+        names = ", ".join(channel.name for channel in channels)
+        raise InputError(f"commands: expected one for each channel ({names}), got shape {values.shape}")
+    for channel, column in zip(channels, np.moveaxis(values, -1, 0), strict=True):
+        wrong = column[~((column >= channel.low) & (column <= channel.high))]  # NaN is caught here too
+        if wrong.size:
+            raise InputError(
+                f"command {channel.name}: expected a number within {channel.low:g}…{channel.high:g} "
+                f"{channel.unit}, got {wrong.flat[0]:g}"
+            )
+    return values

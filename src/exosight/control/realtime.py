@@ -31,10 +31,10 @@ class Step:
     """One step of the loop as it happened.
 
     time     since the first step began [s]
-    target   F_t [N]
-    measurement    what the guard was shown
-    forces   (7,)  true forces on C1…C7 [N]; None: nobody knows
-    u        actuation that was asked for [N]
+    target   of the controlled sensor [its unit]
+    measurement  what the guard was shown
+    true     (outputs,)  true readings of the estimated sensors [each in its unit]; None: nobody knows
+    command  that was asked for [the driven channel's unit]
     state    of the guard after it
     cause    of a change of state in this step; empty if there was none
     seconds  (4,)  that see, estimate, decide and act took [s]
@@ -44,8 +44,8 @@ class Step:
     time: float
     target: float
     measurement: Measurement
-    forces: Float[np.ndarray, "7"] | None
-    u: float
+    true: Float[np.ndarray, " outputs"] | None
+    command: float
     state: State
     cause: str
     seconds: Float[np.ndarray, "4"]
@@ -78,7 +78,8 @@ def run_live(
     the loop, an exception of anyone and Ctrl-C included, u first returns to 0 at the rate limit; a second
     Ctrl-C cuts that short, and leaves the rest to `Actuator.close`.
 
-    target   F_t of each step [N], a finite number; `itertools.repeat(0.2)` goes on until it is stopped
+    target   of each step [the controlled sensor's unit], a finite number; `itertools.repeat(0.2)` goes on
+             until it is stopped
     done     called with every step; what it raises ends the loop
     """
     guarded.reset()
@@ -104,7 +105,7 @@ def run_live(
             actuator.apply(u)
             seconds = np.diff([started, seen, estimated, decided, clock.now()])
             cause = guarded.log[-1].cause if len(guarded.log) > changes else ""
-            known = None if frame is None else frame.forces
+            known = None if frame is None else frame.outputs
             done(
                 Step(
                     started - begin, float(force), measurement, known, u, guarded.state, cause, seconds, late
@@ -115,7 +116,7 @@ def run_live(
 
 
 def _measurement(frame: Frame, reading: Reading | None, now: float) -> Measurement:
-    return Measurement(frame.image, reading, age=now - frame.time, u=frame.u)
+    return Measurement(frame.image, reading, age=now - frame.time, commands=frame.commands)
 
 
 def _let_go(guarded: Guarded, actuator: Actuator, u: float, clock: Clock) -> None:

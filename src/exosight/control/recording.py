@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
@@ -25,45 +25,76 @@ from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.realtime import STAGES, Step
 from exosight.control.scheduled import Scheduled
 from exosight.errors import DataError, InputError
+from exosight.system.schema import schema_from_dict, schema_to_dict
 
-FORMAT = "exosight recording 1"
+FORMAT = "exosight recording 2"
+_FORMATS = "exosight recording "
 STATES = tuple(State)
 """A state is stored as its place in here."""
 
 _CAUSE = "S160"
 _HEAD = 2**18  # bytes: more than the controller's paths take, or what HDF5 adds to a second of steps
 _GUARD = TypeAdapter(GuardConfig)
-_ARRAYS = ("u", "forces", "snapped")
+_ARRAYS = ("u", "outputs", "controlled", "snapped")
+_NAMES = ("sensor", "channel")
 _NUMBERS = ("rate", "period", "smallest_gain", "largest_gain")
 
-COLUMNS = {
-    "time": ("f8", (), "s", "since the first step began"),
-    "target": ("f8", (), "N", "F_t"),
-    "u": ("f8", (), "N", "actuation asked for"),
-    "u_reported": ("f8", (), "N", "actuation that the plant reported with the frame; NaN: none"),
-    "age": ("f8", (), "s", "of the frame when it was acted on"),
-    "seen": ("?", (), "", "a frame came"),
-    "estimated": ("?", (), "", "the network answered"),
-    "forces": ("f4", (7,), "N", "estimate, C1 to C7"),
-    "low": ("f4", (7,), "N", "lower ends of their intervals"),
-    "high": ("f4", (7,), "N", "upper ends"),
-    "contact": ("f4", (7,), "-", "probabilities of contact"),
-    "ood_score": ("f4", (), "-", "score of an out-of-distribution image; trusted up to 1"),
-    "forces_true": ("f8", (7,), "N", "true forces, C1 to C7; NaN: nobody knows"),
-    "state": ("i1", (), "", "of the guard: " + ", ".join(f"{i} {s.value}" for i, s in enumerate(STATES))),
-    "cause": (_CAUSE, (), "", "of a change of state in this step"),
-    "seconds": ("f8", (len(STAGES),), "s", "that these took: " + ", ".join(STAGES)),
-    "late": ("f8", (), "s", "how long after its time the step began"),
-}
-"""Name: type, shape of a row, unit, meaning. Beside them: `images`, gray 0…255, black where none came."""
+
+class Column(NamedTuple):
+    """Of a recording: one array, a row a step.
+
+    kind      of its numbers, as NumPy writes it
+    row       shape of a row
+    unit      empty where it has none; where its row is one number a sensor, theirs, separated by commas
+    meaning   in words
+    """
+
+    kind: str
+    row: tuple[int, ...]
+    unit: str
+    meaning: str
+
+
+def columns(config: ControllerConfig) -> dict[str, Column]:
+    """The arrays of a recording by name. Beside them: `images`, gray 0…255, black where none came."""
+    schema, sensor, channel = config.schema, config.controlled, config.driven
+    outputs, units = (len(schema.estimated),), ", ".join(spec.unit for spec in schema.estimated)
+    names = ", ".join(schema.outputs)
+    commands = (len(schema.channels),)
+    return {
+        "time": Column("f8", (), "s", "since the first step began"),
+        "target": Column("f8", (), sensor.unit, f"of {sensor.name}"),
+        "command": Column("f8", (), channel.unit, f"asked of {channel.name}"),
+        "reported": Column(
+            "f8",
+            commands,
+            ", ".join(each.unit for each in schema.channels),
+            "commands that the plant reported with the frame; NaN: none",
+        ),
+        "age": Column("f8", (), "s", "of the frame when it was acted on"),
+        "seen": Column("?", (), "", "a frame came"),
+        "answered": Column("?", (), "", "the network answered"),
+        "estimated": Column("f4", outputs, units, f"estimates of {names}"),
+        "low": Column("f4", outputs, units, "lower ends of their intervals"),
+        "high": Column("f4", outputs, units, "upper ends"),
+        "contact": Column("f4", outputs, "-", "probabilities of contact"),
+        "ood_score": Column("f4", (), "-", "score of an out-of-distribution image; trusted up to 1"),
+        "true": Column("f8", outputs, units, f"true readings of {names}; NaN: nobody knows"),
+        "state": Column(
+            "i1", (), "", "of the guard: " + ", ".join(f"{i} {s.value}" for i, s in enumerate(STATES))
+        ),
+        "cause": Column(_CAUSE, (), "", "of a change of state in this step"),
+        "seconds": Column("f8", (len(STAGES),), "s", "that these took: " + ", ".join(STAGES)),
+        "late": Column("f8", (), "s", "how long after its time the step began"),
+    }
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What a file holds: a row a step; see `COLUMNS` for units and meanings.
+    """What a file holds: a row a step; see `columns` for units and meanings.
 
     model       SHA-256 of the network's file
-    controller  what the law knew of the exosuit
+    controller  what the law knew of the plant, its schema and the names of sensor and channel among it
     guard       what was trusted
     """
 
@@ -73,17 +104,17 @@ class Recording:
     images: UInt8[np.ndarray, "steps height width"]
     time: Float[np.ndarray, " steps"]
     target: Float[np.ndarray, " steps"]
-    u: Float[np.ndarray, " steps"]
-    u_reported: Float[np.ndarray, " steps"]
+    command: Float[np.ndarray, " steps"]
+    reported: Float[np.ndarray, "steps channels"]
     age: Float[np.ndarray, " steps"]
     seen: Bool[np.ndarray, " steps"]
-    estimated: Bool[np.ndarray, " steps"]
-    forces: Float32[np.ndarray, "steps 7"]
-    low: Float32[np.ndarray, "steps 7"]
-    high: Float32[np.ndarray, "steps 7"]
-    contact: Float32[np.ndarray, "steps 7"]
+    answered: Bool[np.ndarray, " steps"]
+    estimated: Float32[np.ndarray, "steps outputs"]
+    low: Float32[np.ndarray, "steps outputs"]
+    high: Float32[np.ndarray, "steps outputs"]
+    contact: Float32[np.ndarray, "steps outputs"]
     ood_score: Float32[np.ndarray, " steps"]
-    forces_true: Float[np.ndarray, "steps 7"]
+    true: Float[np.ndarray, "steps outputs"]
     state: Int8[np.ndarray, " steps"]
     cause: np.ndarray
     seconds: Float[np.ndarray, "steps 4"]
@@ -106,6 +137,7 @@ class Recorder:
 
     def __init__(self, path: Path, shape: tuple[int, int], guarded: Guarded, model: Path) -> None:
         self._path, self._shape, self._rows = path, shape, []
+        self._columns, self._controller = columns(guarded.config), guarded.config
         self._block = max(1, round(1 / guarded.config.period))
         with _told(path):
             try:
@@ -123,7 +155,7 @@ class Recorder:
 
         Raises DataError if they cannot be, for instance because the disk is full.
         """
-        self._rows.append(_row(step, self._shape))
+        self._rows.append(_row(step, self._shape, self._controller))
         if len(self._rows) >= self._block:
             self._write()
 
@@ -140,7 +172,7 @@ class Recorder:
         rows, self._rows = self._rows, []  # what could not be written once is not tried again
         with _told(self._path):
             _reserve(self._path, self._file.id.get_filesize(), _HEAD + 2 * len(rows) * math.prod(self._shape))
-            for name in ("images", *COLUMNS):
+            for name in ("images", *self._columns):
                 data: Any = self._file[name]
                 data.resize(len(data) + len(rows), axis=0)
                 data[-len(rows) :] = np.stack([row[name] for row in rows])
@@ -173,12 +205,13 @@ def read_recording(path: Path) -> Recording:
     """A recording in memory; DataError if the file is missing, damaged or of another kind."""
     try:
         with h5py.File(path, "r") as file:
-            if file.attrs.get("format") != FORMAT:
-                raise DataError(f"{path}: not a recording of exosight; expected a file that it recorded")
-            values = {name: _column(file, name) for name in ("images", *COLUMNS)}
+            _check_format(path, file.attrs.get("format"))
+            controller, guard = _controller(file)
+            wanted = columns(controller)
+            values = {name: _column(file, name, wanted.get(name)) for name in ("images", *wanted)}
             # A process killed while it wrote leaves some columns longer than others.
             steps = min(len(column) for column in values.values())
-            head = str(file.attrs["model"]), *_controller(file)
+            head = str(file.attrs["model"]), controller, guard
     except FileNotFoundError as error:
         raise DataError(f"{path}: not found; expected a recording of exosight") from error
     except DataError:
@@ -190,6 +223,18 @@ def read_recording(path: Path) -> Recording:
     return Recording(*head, **{name: column[:steps] for name, column in values.items()})
 
 
+def _check_format(path: Path, found: Any) -> None:
+    """DataError unless a file is a recording of this format, for an older one with what to do about it."""
+    if found == FORMAT:
+        return
+    if isinstance(found, str) and found.startswith(_FORMATS):
+        raise DataError(
+            f"{path}: expected the format {FORMAT!r}, got {found!r}; record the run again with exosight live "
+            "--record, or read it with the version of exosight that made it"
+        )
+    raise DataError(f"{path}: not a recording of exosight; expected a file that it recorded")
+
+
 @dataclass(frozen=True, eq=False)
 class Replay:
     """A recording's frames through network and guard once more.
@@ -197,10 +242,10 @@ class Replay:
     Rows without an estimate hold zeros, as those of the recording do.
     """
 
-    forces: Float32[np.ndarray, "steps 7"]
-    """of the network on C1…C7 [N]"""
-    u: Float[np.ndarray, " steps"]
-    """actuation that would be asked for [N], were the next frames the same"""
+    estimated: Float32[np.ndarray, "steps outputs"]
+    """by the network [each in its sensor's unit]"""
+    command: Float[np.ndarray, " steps"]
+    """that would be asked for [the channel's unit], were the next frames the same"""
     state: Int8[np.ndarray, " steps"]
     """of the guard"""
 
@@ -210,26 +255,27 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
 
     read   `OnnxEstimator.read` of the same network, or of another one to compare
 
-    Raises InputError if the network takes pictures of another size.
+    Raises InputError if the network takes pictures of another size, or reads off other sensors.
     """
     guarded = Guarded(Scheduled(recording.controller), recording.guard)
-    forces, u, state = np.zeros_like(recording.forces), np.zeros(len(recording)), recording.state.copy()
+    estimated, state = np.zeros_like(recording.estimated), recording.state.copy()
+    command = np.zeros(len(recording))
     for i in range(len(recording)):
         measurement = Measurement()
         if recording.seen[i]:
             reading = read_one(read, recording.images[i])
             if reading is not None:
-                forces[i] = reading.forces[0]
-            reported = float(recording.u_reported[i])
+                estimated[i] = reading.forces[0]
+            reported = recording.reported[i]
             measurement = Measurement(
                 recording.images[i],
                 reading,
                 float(recording.age[i]),
-                None if np.isnan(reported) else reported,
+                None if np.isnan(reported).all() else reported,
             )
-        u[i] = guarded.step(float(recording.target[i]), measurement)
+        command[i] = guarded.step(float(recording.target[i]), measurement)
         state[i] = STATES.index(guarded.state)
-    return Replay(forces, u, state)
+    return Replay(estimated, command, state)
 
 
 def checksum(model: Path) -> str:
@@ -242,7 +288,7 @@ def _write_head(file: h5py.File, guarded: Guarded, model: Path, shape: tuple[int
     file.attrs["exosight_version"] = __version__
     file.attrs["model"] = checksum(model)
     file.attrs["guard"] = json.dumps(_GUARD.dump_python(guarded.guard))
-    for name, (kind, row, unit, meaning) in COLUMNS.items():
+    for name, (kind, row, unit, meaning) in columns(guarded.config).items():
         data = file.create_dataset(name, (0, *row), kind, chunks=(block, *row), maxshape=(None, *row))
         data.attrs["unit"], data.attrs["meaning"] = unit, meaning
     file.create_dataset(
@@ -250,7 +296,10 @@ def _write_head(file: h5py.File, guarded: Guarded, model: Path, shape: tuple[int
     )
     config = guarded.config
     group = file.create_group("controller")
-    group["contact_limit"] = config.contact_limit
+    group["output_limits"] = config.output_limits
+    file.attrs["schema"] = json.dumps(schema_to_dict(config.schema))
+    for name in _NAMES:
+        file.attrs[name] = getattr(config, name)
     for name in _NUMBERS:
         group[name] = getattr(config, name)
     for path in ("loading", "unloading"):
@@ -268,7 +317,9 @@ def _controller(file: h5py.File) -> tuple[ControllerConfig, GuardConfig]:
         config = ControllerConfig(
             loading=path("loading"),
             unloading=path("unloading"),
-            contact_limit=np.asarray(group["contact_limit"][()]),
+            output_limits=np.asarray(group["output_limits"][()]),
+            schema=schema_from_dict(json.loads(str(file.attrs["schema"]))),
+            **{name: str(file.attrs[name]) for name in _NAMES},
             **{name: float(group[name][()]) for name in _NUMBERS},
         )
         guard = _GUARD.validate_python(json.loads(str(file.attrs["guard"])))
@@ -277,12 +328,12 @@ def _controller(file: h5py.File) -> tuple[ControllerConfig, GuardConfig]:
     return config, guard
 
 
-def _column(file: h5py.File, name: str) -> np.ndarray:
+def _column(file: h5py.File, name: str, wanted: Column | None) -> np.ndarray:
     data = file[name]
     if not isinstance(data, h5py.Dataset) or data.external or data.is_virtual:
         raise ValueError(f"{name} is not an array of this file")
-    if name in COLUMNS:
-        kind, row = COLUMNS[name][:2]
+    if wanted is not None:
+        kind, row = wanted.kind, wanted.row
         if data.dtype != np.dtype(kind) or data.shape[1:] != row:
             raise ValueError(f"{name} expects {kind} {row}, got {data.dtype} {data.shape[1:]}")
     elif data.dtype != np.uint8 or data.ndim != 3:
@@ -290,25 +341,26 @@ def _column(file: h5py.File, name: str) -> np.ndarray:
     return data[()]
 
 
-def _row(step: Step, shape: tuple[int, int]) -> dict[str, Any]:
+def _row(step: Step, shape: tuple[int, int], config: ControllerConfig) -> dict[str, Any]:
     measurement, reading = step.measurement, step.measurement.reading
-    nothing = np.zeros(7, np.float32)
-    unknown = np.full(7, np.nan)
+    outputs = len(config.schema.estimated)
+    nothing, unknown = np.zeros(outputs, np.float32), np.full(outputs, np.nan)
+    unreported = np.full(len(config.schema.channels), np.nan)
     return {
         "images": np.zeros(shape, np.uint8) if measurement.image is None else measurement.image,
         "time": step.time,
         "target": step.target,
-        "u": step.u,
-        "u_reported": np.nan if measurement.u is None else measurement.u,
+        "command": step.command,
+        "reported": unreported if measurement.commands is None else measurement.commands,
         "age": measurement.age,
         "seen": measurement.image is not None,
-        "estimated": reading is not None,
-        "forces": nothing if reading is None else reading.forces[0],
+        "answered": reading is not None,
+        "estimated": nothing if reading is None else reading.forces[0],
         "low": nothing if reading is None else reading.low[0],
         "high": nothing if reading is None else reading.high[0],
         "contact": nothing if reading is None else reading.contact[0],
         "ood_score": 0.0 if reading is None else reading.ood_score[0],
-        "forces_true": unknown if step.forces is None else step.forces,
+        "true": unknown if step.true is None else step.true,
         "state": STATES.index(step.state),
         "cause": step.cause.encode()[:160],
         "seconds": step.seconds,

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from exosight.control.plant import ACTUATION_LIMIT
 from exosight.errors import InputError
+from exosight.system.schema import Channel
 
 TOLERANCE = 0.05
 """Half-width of the band in which a force counts as on target, as a share of the target. The paper prints
@@ -25,23 +25,24 @@ class Response:
     """Steps after which the force stays in the band while the target is held; NaN: it never settles, or too
     late to tell from a swing, within the last quarter."""
     overshoot: float
-    """Largest force above the target while it is held [N]; 0 if there is none."""
+    """Largest reading above the target while it is held [the sensor's unit]; 0 if there is none."""
     overshoot_percent: float
     """The same as a share of the target [%]."""
     steady_state_error: float
-    """Target − mean of the late force [N]."""
+    """Target − mean of the late readings [the sensor's unit]."""
     ripple: float
-    """Largest − smallest late force [N]: tells a loop that swings for ever from one that rests."""
+    """Largest − smallest late reading [the sensor's unit]: tells a loop that swings for ever from one that
+    rests."""
     release_time: float
-    """Time after the switch to 0 N from which the force stays in the band around 0 N [s]; NaN: it never
+    """Time after the switch to 0 from which the force stays in the band around 0 [s]; NaN: it never
     does, or the target is not released."""
     largest_u: float
-    """[N]"""
+    """Largest command [the channel's unit]."""
     smallest_u: float
-    """[N]"""
+    """Smallest command [the channel's unit]."""
     locked_up: bool
-    """In the last quarter of the whole run u stands at one of its two limits, and yet the force is never in
-    the band: the law has nothing left to give, and the pose does not answer."""
+    """In the last quarter of the whole run u stands at one end of the channel's range, and yet the force is
+    never in the band: the law has nothing left to give, and the pose does not answer."""
 
 
 def judge_response(
@@ -49,25 +50,25 @@ def judge_response(
     target: Float[np.ndarray, " steps"],
     force: Float[np.ndarray, " steps"],
     u: Float[np.ndarray, " steps"],
+    channel: Channel,
     tolerance: float = TOLERANCE,
-    limit: float = ACTUATION_LIMIT,
 ) -> Response:
-    """Measure one response of the loop, of the true or of the estimated force.
+    """Measure one response of the loop, of the true or of the estimated readings.
 
     The band is target ± tolerance · held target, also after the release.
 
     time       (steps,)  [s]
-    target     (steps,)  F_t [N]: one value above 0, held to the end or followed by 0 N to the end
-    force      (steps,)  F_net [N]
-    u          (steps,)  actuation [N]
+    target     (steps,)  one value above 0, held to the end or followed by 0 to the end [the sensor's unit]
+    force      (steps,)  what the sensor reads [its unit]
+    u          (steps,)  command [the channel's unit]
+    channel    that the law drove
     tolerance  half-width of the band, as a share of the held target
-    limit      largest |u| of the law [N]
 
     Raises InputError for arrays of other lengths, a number that is not finite, another target, or a tolerance
-    or limit that is not above 0.
+    that is not above 0.
     """
-    if not 0 < tolerance < math.inf or not 0 < limit < math.inf:
-        raise InputError(f"tolerance and limit: expected finite numbers above 0, got {tolerance} and {limit}")
+    if not 0 < tolerance < math.inf:
+        raise InputError(f"tolerance: expected a finite number above 0, got {tolerance}")
     if not time.shape == target.shape == force.shape == u.shape or time.ndim != 1 or len(time) == 0:
         raise InputError(
             "response: expected time, target, force and u of one length above 0, "
@@ -80,13 +81,13 @@ def judge_response(
     step = float(target[0])
     held = int(np.argmax(target != step)) if np.any(target != step) else len(target)
     if step <= 0 or np.any(target[held:] != 0):
-        raise InputError("target: expected one force above 0 N, held and then perhaps 0 N to the end")
+        raise InputError("target: expected one number above 0, held and then perhaps 0 to the end")
 
     inside = np.abs(force - target) <= tolerance * step
     settled, released = _stays_from(inside[:held]), _stays_from(inside[held:])
     late = force[held - math.ceil(held / 4) : held]
     last = slice(len(u) - math.ceil(len(u) / 4), None)
-    at_limit = u[last].min() >= limit or u[last].max() <= -limit
+    at_limit = u[last].min() >= channel.high or u[last].max() <= channel.low
     overshoot = max(float(force[:held].max()) - step, 0.0)
     return Response(
         settling_steps=math.nan if settled is None else float(settled),

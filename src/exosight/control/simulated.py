@@ -1,93 +1,96 @@
-"""The simulated plant: a worn exosuit, followed from equilibrium to equilibrium and rendered."""
+"""The simulated plant: a system, followed from equilibrium to equilibrium and rendered."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 
-from exosight.control.plant import ACTUATION_LIMIT, Observation
-from exosight.errors import ConvergenceError, InputError
-from exosight.exosuit.assembly import Exosuit, assemble, observe
+from exosight.control.plant import Observation, check_commands
+from exosight.errors import ConvergenceError
 from exosight.mechanics import Robot, State, advance, stack
-from exosight.system.camera import Camera
+from exosight.system.observation import observe
+from exosight.system.schema import Schema
+from exosight.system.system import System, stack_systems
 from exosight.vision.scene import picture
 
 
 @dataclass
 class SimulatedPlant:
-    """Quasi-static: at each actuation the exosuit rests in the stable pose that the path so far leads to.
+    """Quasi-static: at each command the system rests in the stable pose that the path so far leads to.
 
-    As the exosuit snaps between stable poses, the same u can show different forces on the way up and down
-    (hysteresis); the same sequence of u always shows the same.
+    As a system may snap between stable poses, the same command can show different readings on the way up and
+    down (hysteresis); the same sequence of commands always shows the same.
 
-    exosuit  what is simulated
-    camera   what looks at it
-    limit    largest |u| that it takes [N]
+        plant = SimulatedPlant(published(Exosuit(shape)))
+        plant.apply(np.array([1.2])).reading("F_net")
 
-    Raises InputError unless the limit is a finite number above 0.
+    system  what is simulated; its first camera looks at it
     """
 
-    exosuit: Exosuit
-    camera: Camera = field(default_factory=Camera)
-    limit: float = ACTUATION_LIMIT
-    _stacked: Robot = field(init=False, repr=False)
-    _walk: "Callable[[_Point, float], tuple[_Point, bool]]" = field(init=False, repr=False)
+    system: System
+    schema: Schema = field(init=False)
+    _stacked: System = field(init=False, repr=False)
+    _walk: "Callable[[_Point, tuple[float, ...]], tuple[_Point, bool]]" = field(init=False, repr=False)
     _now: "_Point | None" = field(init=False, repr=False, default=None)
     _converged: bool = field(init=False, repr=False, default=True)
 
     def __post_init__(self) -> None:
-        if not 0 < self.limit < math.inf:
-            raise InputError(f"plant limit: expected a finite number above 0 N, got {self.limit}")
-        self._stacked = stack([assemble(self.exosuit)])
-        # A loop that swings between two actuations walks the same two ways for ever: they are remembered.
-        self._walk = lru_cache(maxsize=8)(partial(_walk, self._stacked))
+        self.schema = self.system.schema
+        self._stacked = stack_systems([self.system])
+        # A loop that swings between two commands walks the same two ways for ever: they are remembered.
+        self._walk = lru_cache(maxsize=8)(partial(_walk, self.system, stack([self.system.robot])))
 
     def reset(self) -> Observation:
-        """Return to u = 0 from the unstrained pose, forgetting the path so far.
+        """Return to commands of 0 from the unstrained pose, forgetting the path so far.
 
-        Raises ConvergenceError if the unloaded exosuit has no stable pose.
+        Raises ConvergenceError if the unloaded system has no stable pose.
         """
-        rest, converged = self._walk(_Point(0.0, (0.0,) * self._stacked.dofs, 1.0), 0.0)
+        nothing = (0.0,) * len(self.schema.channels)
+        rest, converged = self._walk(_Point(nothing, (0.0,) * self._dofs, 1.0), nothing)
         if not converged:
             raise ConvergenceError(
-                "the unloaded exosuit has no stable pose; check its shape and the finger's"
+                f"the unloaded system {self.schema.system} has no stable pose; check its bodies and contacts"
             )
         self._now, self._converged = rest, converged
         return self.look()
 
-    def apply(self, u: float) -> Observation:
-        """Change the actuation to u [N], in steps from the present one, and look at the pose.
+    def apply(self, commands: Float[np.ndarray, " channels"]) -> Observation:
+        """Change the commands [each in its channel's unit], from the present ones, and look at the pose.
 
-        If no stable pose is found at a step, the plant stays in the last one, whose u the observation tells.
+        If no stable pose is found on the way, the plant stays in the last one, whose commands the observation
+        tells.
 
-        Raises InputError if u is not a number within ±limit.
+        Raises InputError for commands that are no numbers within the channels' ranges.
         """
-        self.move(u)
+        self.move(commands)
         return self.look()
 
-    def move(self, u: float) -> None:
-        """Change the actuation to u [N] without looking: `apply` is this and `look`."""
-        if not abs(u) <= self.limit:  # NaN fails here too
-            raise InputError(f"actuation u: expected a number within ±{self.limit:g} N, got {u}")
-        self._now, self._converged = self._walk(self._present(), float(u))
+    def move(self, commands: Float[np.ndarray, " channels"]) -> None:
+        """Change the commands without looking: `apply` is this and `look`."""
+        wanted = check_commands(self.schema.channels, commands)
+        self._now, self._converged = self._walk(self._present(), tuple(wanted.tolist()))
 
     def look(self) -> Observation:
         """The pose as it is now."""
         point = self._present()
         q = np.array(point.q)
-        pose = jax.tree.map(lambda leaf: leaf[0], observe(self._stacked, jnp.asarray(q[None, None])))
+        seen = observe(self._stacked, jnp.asarray(q[None, None]))
         return Observation(
-            u=point.u,
-            image=picture(self.exosuit, pose, self.camera)[0],
-            forces=np.asarray(pose.forces[0]),
+            schema=self.schema,
+            commands=np.array(point.commands),
+            image=picture(self.system, {name: axis[0] for name, axis in seen.axes.items()})[0],
+            readings=np.asarray(seen.readings[0, 0], dtype=float),
             q=q,
             converged=self._converged,
             min_eigenvalue=point.min_eigenvalue,
         )
+
+    @property
+    def _dofs(self) -> int:
+        return sum(body.dofs for body in self.system.bodies)
 
     def _present(self) -> "_Point":
         if self._now is None:
@@ -100,15 +103,17 @@ class SimulatedPlant:
 class _Point:
     """One equilibrium, hashable by its numbers."""
 
-    u: float
+    commands: tuple[float, ...]
     q: tuple[float, ...]
     min_eigenvalue: float
+    history: tuple = ()
 
 
-def _walk(stacked: Robot, start: _Point, u: float) -> tuple[_Point, bool]:
-    """The last equilibrium on the way from `start` to u, and whether that is the one at u."""
-    state = State(np.array([start.q]), np.array([[start.u]]))
-    state, found = advance(stacked, state, np.array([[u]]))
-    reached = float(np.asarray(state.loads)[0, 0])
+def _walk(system: System, stacked: Robot, start: _Point, commands: tuple[float, ...]) -> tuple[_Point, bool]:
+    """The last equilibrium on the way from `start` to the commands, and whether that is the one at these."""
+    loads = [system.loads(np.array([each])) for each in (start.commands, commands)]
+    state, found = advance(stacked, State(np.array([start.q]), loads[0], start.history), loads[1])
+    converged = bool(found.converged[0])
+    reached = commands if converged else tuple(system.commands(np.asarray(state.loads)[0]).tolist())
     q = tuple(np.asarray(state.q)[0].tolist())
-    return _Point(reached, q, float(found.min_eigenvalue[0])), bool(found.converged[0])
+    return _Point(reached, q, float(found.min_eigenvalue[0]), state.history), converged

@@ -33,16 +33,16 @@ Crop = tuple[int, int, int]
 class Frame:
     """One picture of the plant.
 
-    image   (height, width)  gray 0…255, as the network takes it
-    time    when it was taken, on the clock of the loop [s]
-    u       actuation that the plant reports with it [N]; None: it reports none
-    forces  (7,)  true forces on C1…C7 [N]; None: nobody knows
+    image     (height, width)  gray 0…255, as the network takes it
+    time      when it was taken, on the clock of the loop [s]
+    commands  (channels,)  that the plant reports with it [each in its channel's unit]; None: it reports none
+    outputs   (outputs,)   true readings of the estimated sensors [each in its unit]; None: nobody knows
     """
 
     image: UInt8[np.ndarray, "height width"]
     time: float
-    u: float | None = None
-    forces: Float[np.ndarray, "7"] | None = None
+    commands: Float[np.ndarray, " channels"] | None = None
+    outputs: Float[np.ndarray, " outputs"] | None = None
 
 
 Source = Iterator[Frame | None]

@@ -1,4 +1,7 @@
-"""The paper's controller study: three constant targets and three step responses on one exosuit."""
+"""Trials of the closed loop: targets that are held and released, and the paper's study of one exosuit.
+
+The paper's: three constant targets and three step responses of the published system's F_net.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +16,7 @@ from exosight.control.responses import Response, judge_response
 from exosight.exosuit.shapes import ExosuitShape, Linear
 
 CONTROL_SHAPE = ExosuitShape(Linear(r0=0.010, r1=0.005), length=0.095)
-"""The exosuit of the study: a taper from 1 cm to 0.5 cm over 9.5 cm."""
+"""The published system's exosuit in the paper's study: a taper from 1 cm to 0.5 cm over 9.5 cm."""
 
 STEADY_STATE_TARGETS = (0.25, 0.30, 0.35)
 """Constant targets F_t [N]."""
@@ -32,22 +35,39 @@ STEP_GAINS = (0.1, 1.0, 100.0)
 
 @dataclass(frozen=True)
 class Trial:
-    """One run of the study and what was measured on its true force."""
+    """One run and what was measured on its true readings."""
 
     gain: float
-    """K_P [N/N]"""
+    """K_P [the channel's unit per that of the sensor]"""
     record: Record
     response: Response
 
 
 @dataclass(frozen=True)
 class ControllerStudy:
-    """The six runs."""
+    """The six runs of the paper."""
 
     steady_states: tuple[Trial, ...]
     """One a target of STEADY_STATE_TARGETS."""
     step_responses: tuple[Trial, ...]
     """One a gain of STEP_GAINS."""
+
+
+def try_law(
+    plant: Plant,
+    law: Proportional,
+    measure: Measure,
+    target: Float[np.ndarray, " steps"],
+    sensor: str | None = None,
+    channel: str | None = None,
+) -> Trial:
+    """One run of the paper's law from rest, judged on the true readings; arguments as for `run`.
+
+    target   (steps,)  one value above 0, perhaps released, as `judge_response` takes it
+    """
+    record = run(plant, law, measure, target, sensor, channel)
+    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+    return Trial(law.gain, record, response)
 
 
 def study(
@@ -56,15 +76,12 @@ def study(
     """The six runs of the paper, each from rest, with the paper's law.
 
     plant    in the paper an `exosight.control.simulated.SimulatedPlant` of an exosuit with CONTROL_SHAPE
-    measure  `from_image(estimator)`, or `true_force` for a perfect sensor
+    measure  `from_image(estimator, plant.schema)`, or `true_reading()` for a perfect sensor
     done     called with each run as it finishes
     """
 
     def trial(gain: float, target: Float[np.ndarray, " steps"]) -> Trial:
-        law = Proportional(gain)
-        record = run(plant, law, measure, target)
-        response = judge_response(record.time, record.target, record.F_net_true, record.u, limit=law.limit)
-        finished = Trial(gain, record, response)
+        finished = try_law(plant, Proportional(gain, plant.schema.channels[0]), measure, target)
         done(finished)
         return finished
 

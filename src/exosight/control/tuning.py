@@ -1,11 +1,11 @@
-"""The controller's knowledge of one's own exosuit, from one path of its simulation up and down.
+"""The controller's knowledge of one's own plant, from one path of its simulation up and down (needs JAX).
 
-1. Solve the worn exosuit from rest up, in steps of 0.025 N, to the first load at which a contact presses more
-   than it may: the load before is u_max.
-2. Solve from there down to u_min, below 0 N, where the pose must have let go.
-3. F_net(u) on both is the schedule; its jumps are those that `follow` tells.
-4. Δu/ΔF_net is bounded by the slopes ∂F_net/∂u in contact: above by the flattest tenth of them, below by
-   half of what the steepest tenth asks for.
+1. Solve the system from rest up, in steps of 1/160 of the channel's peak, to the first command at which an
+   estimated sensor reads more than it may: the command before is u_max.
+2. Solve from there down to u_min, below 0, where the pose must have let go.
+3. The controlled sensor on both is the schedule; its jumps are those that `drive` tells.
+4. Δu per change of the sensor is bounded by the slopes in contact: above by the flattest tenth of them, below
+   by half of what the steepest tenth asks for.
 """
 
 import math
@@ -14,73 +14,117 @@ import numpy as np
 
 from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig, ForcePath
-from exosight.control.plant import ACTUATION_LIMIT
+from exosight.control.plant import channel_index
 from exosight.control.scheduled import RELEASED
 from exosight.errors import ConvergenceError, InputError
-from exosight.exosuit.assembly import Exosuit, assemble, observe
-from exosight.mechanics import Equilibria, Robot, State, drive, stack
+from exosight.mechanics import Equilibria, State, drive
+from exosight.system.observation import observe
+from exosight.system.schema import Channel, Schema, SensorSpec
+from exosight.system.system import System, stack_systems
 
 CONTACT_LIMIT = 0.5
-"""Largest force on one contact by default [N]."""
-ACTUATION_RATE = 10.0
-"""Largest change of u by default [N/s]: from rest to the paper's targets in three steps of 0.1 s."""
+"""Largest reading of a contact force whose sensor has no limit of its own [N]."""
 
-PULL = 1.0
-"""How far below 0 u may go by default to get out of a pose [N]: as far as the paper's own loop pulls."""
+_FLAT = 4e-3  # change of the sensor over the channel's peak; a path that is flatter than that does not press
 
-_STEP = 0.025  # [N]: by at most so much a jump is passed; 3 mN on the controller's exosuit
+
+def default_rate(channel: Channel) -> float:
+    """Largest change of the command a second: the channel's own, or its peak in 0.4 s [its unit/s]."""
+    return 2.5 * abs(channel.peak) if channel.rate is None else channel.rate
+
+
+def default_limits(schema: Schema, contact_limit: float | None = None) -> np.ndarray:
+    """Largest reading of each estimated sensor [its unit], (outputs,).
+
+    contact_limit  of every contact force [N]; by default the sensor's own, or 0.5 N where it has none
+    """
+
+    def limit(spec: SensorSpec) -> float:
+        if spec.quantity == "contact force" and contact_limit is not None:
+            return contact_limit
+        if spec.limit is not None:
+            return spec.limit
+        return CONTACT_LIMIT if spec.quantity == "contact force" else math.inf
+
+    return np.array([limit(spec) for spec in schema.estimated])
 
 
 def tune(
-    exosuit: Exosuit,
-    contact_limit: float = CONTACT_LIMIT,
-    rate: float = ACTUATION_RATE,
-    limit: float = ACTUATION_LIMIT,
-    pull: float = PULL,
+    system: System,
+    sensor: str | None = None,
+    channel: str | None = None,
+    *,
+    contact_limit: float | None = None,
+    rate: float | None = None,
+    pull: float | None = None,
     period: float = 1 / RATE,
 ) -> ControllerConfig:
-    """What `Scheduled` needs to know of an exosuit, as it is worn by its finger.
+    """What `Scheduled` needs to know of a system to drive one channel by one sensor.
 
-    contact_limit  largest force on each of C1…C7 [N]
-    rate           largest change of u a second [N/s]
-    limit          largest u of the plant [N]
-    pull           −u_min [N]
+    sensor         that is controlled; by default the one that the schema names
+    channel        that is driven, by default the first; the others rest at 0
+    contact_limit  largest contact force on each zone [N]; by default the sensors' own, or 0.5 N
+    rate           largest change of u a second; by default the channel's own, or its peak in 0.4 s [its
+                   unit/s]
+    pull           −u_min; by default a quarter of the peak, within the channel's range [its unit]
     period         of a step of the loop [s]
 
-    Raises InputError for a number that is not finite and above 0, or an exosuit that never presses within its
-    limits or does not let go at u_min; ConvergenceError if the path has no stable pose at some load.
+    Raises InputError for a name that is none of the system's, a number that is not finite and above 0, a
+    channel whose peak is below 0, or a system whose sensor does not rise within its limits or is not released
+    at u_min; ConvergenceError if the path has no stable pose at some command.
     """
+    schema = system.schema
+    place, sensor = channel_index(schema, channel), sensor or schema.controlled
+    driven, weights = schema.channels[place], schema.weights(sensor)
+    if driven.high <= 0 or driven.peak < 0:
+        raise InputError(
+            f"tune, channel {driven.name}: expected one that loads towards its upper end, got a peak of "
+            f"{driven.peak:g} {driven.unit}; turn its sign in the system's description"
+        )
+    rate = default_rate(driven) if rate is None else rate
+    pull = min(0.25 * driven.peak, -driven.low) if pull is None else pull
     for name, value in (
         ("contact limit", contact_limit),
         ("rate", rate),
-        ("limit", limit),
-        ("pull", pull),
         ("period", period),
     ):
-        if not 0 < value < math.inf:
+        if value is not None and not 0 < value < math.inf:
             raise InputError(f"tune, {name}: expected a finite number above 0, got {value}")
-    robot = assemble(exosuit)
-    grid = np.linspace(0.0, limit, max(2, math.ceil(limit / _STEP)) + 1)
-    up, found = _solve(robot, grid, np.zeros(robot.dofs))
-    over = (up.forces > contact_limit).any(axis=1)
+    if not 0 <= pull <= -driven.low:
+        raise InputError(f"tune, pull: expected 0…{-driven.low:g} {driven.unit}, got {pull}")
+    limits = default_limits(schema, contact_limit)
+    walk = _Walk(system, place, weights)
+    step = driven.peak / 160  # by at most so much a jump is passed
+    grid = np.linspace(0.0, driven.high, max(2, math.ceil(driven.high / step - 1e-9)) + 1)
+    up, found = walk.solve(grid, np.zeros(walk.robot.dofs))
+    over = (up.outputs > limits).any(axis=1)
     last = int(np.argmax(over)) - 1 if over.any() else len(grid) - 1
-    if last < 1 or up.net[last] < RELEASED:
+    if last < 1 or up.controlled[last] < RELEASED:
         raise InputError(
-            f"tune: the exosuit presses less than {RELEASED:g} N before a contact passes "
-            f"{contact_limit:g} N or u passes {limit:g} N; allow more, or change its shape"
+            f"tune: {sensor} stays below {RELEASED:g} {schema.sensor(sensor).unit} until a sensor passes its "
+            f"limit or {driven.name} its range; allow more, or change the system"
         )
-    loading = ForcePath(up.u[: last + 1], up.forces[: last + 1], up.snapped[: last + 1])
-    falling = np.concatenate([grid[last:0:-1], np.linspace(0.0, -pull, max(2, math.ceil(pull / _STEP)) + 1)])
-    unloading, _ = _solve(robot, falling, np.asarray(found.q[0, last]))
-    if not unloading.net[-1] < RELEASED:
-        raise InputError(f"tune: the exosuit still presses at u = {-pull:g} N; allow it a larger pull")
-    slopes = np.concatenate([path.slopes.sum(axis=1) for path in (loading, unloading)])
-    slopes = slopes[slopes > 1e-3]  # in contact, and not falling
+    loading = ForcePath(
+        up.u[: last + 1], up.outputs[: last + 1], up.controlled[: last + 1], up.snapped[: last + 1]
+    )
+    falling = grid[last:0:-1]
+    back = np.linspace(0.0, -pull, max(2, math.ceil(pull / step - 1e-9)) + 1) if pull else np.zeros(1)
+    unloading, _ = walk.solve(np.concatenate([falling, back]), np.asarray(found.q[0, last]))
+    if not unloading.controlled[-1] < RELEASED:
+        raise InputError(
+            f"tune: {sensor} is not released at {driven.name} = {-pull:g} {driven.unit}; "
+            "allow it a larger pull"
+        )
+    slopes = np.concatenate([(path.slopes * weights).sum(axis=1) for path in (loading, unloading)])
+    slopes = slopes[slopes * driven.peak > _FLAT]  # in contact, and not falling
     flat, steep = np.quantile(slopes, [0.1, 0.9])
     return ControllerConfig(
+        schema=schema,
+        sensor=sensor,
+        channel=driven.name,
         loading=loading,
         unloading=unloading,
-        contact_limit=np.full(7, float(contact_limit)),
+        output_limits=limits,
         rate=rate,
         period=period,
         smallest_gain=float(0.5 / steep),
@@ -88,12 +132,26 @@ def tune(
     )
 
 
-def _solve(robot: Robot, u: np.ndarray, q: np.ndarray) -> tuple[ForcePath, Equilibria]:
-    start = State(q[None], u[:1, None])
-    found = drive([robot], u[:, None], state=start)
-    if not found.converged.all():
-        lost = float(u[int(np.argmin(found.converged[0]))])
-        raise ConvergenceError(f"no stable pose at u = {lost:g} N; tune with a smaller limit")
-    pose = observe(stack([robot]), found.q)
-    forces = np.array(pose.forces[0, :, 1:])
-    return ForcePath(u, forces, np.array(found.snapped[0])), found
+class _Walk:
+    """Paths of one channel's command, all others at 0."""
+
+    def __init__(self, system: System, place: int, weights: np.ndarray) -> None:
+        self.robot, self._system, self._stacked = system.robot, system, stack_systems([system])
+        self._place, self._weights = place, weights
+
+    def solve(self, u: np.ndarray, q: np.ndarray) -> tuple[ForcePath, Equilibria]:
+        """The path over these commands, from an equilibrium or the unstrained pose."""
+        schema = self._system.schema
+        commands = np.zeros((len(u), len(schema.channels)))
+        commands[:, self._place] = u
+        loads = self._system.loads(commands)
+        found = drive([self.robot], loads, state=State(q[None], loads[:1]))
+        if not found.converged.all():
+            driven = schema.channels[self._place]
+            lost = float(u[int(np.argmin(found.converged[0]))])
+            raise ConvergenceError(
+                f"no stable pose at {driven.name} = {lost:g} {driven.unit}; give the channel a smaller range"
+            )
+        readings = np.asarray(observe(self._stacked, found.q).readings[0], dtype=float)
+        outputs = readings[:, schema.output_indices()]
+        return ForcePath(u, outputs, (outputs * self._weights).sum(axis=1), np.array(found.snapped[0])), found

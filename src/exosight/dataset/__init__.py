@@ -1,22 +1,21 @@
 """Labelled images: in memory, on disk, and divided for training and testing."""
 
-from exosight.dataset.frames import QUANTITIES, Columns, Frames, concatenate, previous, take
+from exosight.dataset.frames import QUANTITIES, Columns, Frames, concatenate, direction, previous, take
 from exosight.dataset.manifest import (
     ChunkEntry,
     Manifest,
     dataset_identity,
     new_manifest,
     read_manifest,
-    sampled_shapes,
     write_manifest,
 )
 from exosight.dataset.splits import (
     PROTOCOLS,
     Split,
     make_split,
+    split_by_design,
     split_by_family,
     split_by_frame,
-    split_by_shape,
     split_by_variation,
 )
 from exosight.dataset.store import read_frames, read_variation, write_chunk
@@ -31,16 +30,16 @@ __all__ = [
     "Split",
     "concatenate",
     "dataset_identity",
+    "direction",
     "make_split",
     "new_manifest",
     "previous",
     "read_frames",
     "read_manifest",
     "read_variation",
-    "sampled_shapes",
+    "split_by_design",
     "split_by_family",
     "split_by_frame",
-    "split_by_shape",
     "split_by_variation",
     "take",
     "write_chunk",

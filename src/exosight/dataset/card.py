@@ -4,28 +4,29 @@ Both follow from what is in the dataset alone, so equal datasets have equal card
 """
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
+from exosight.dataset.frames import row_shapes
 from exosight.dataset.manifest import Manifest, dataset_identity
 from exosight.files import replace_file
 
 README = "README.md"
 CROISSANT = "croissant.json"
-NAME = "exosight simulated exosuits"
 LICENCE = "MIT"
 
 PAPER = (
     "M. I. Refai, A. Y. Alkayas, A. T. Mathew, F. Renda, T. G. Thuruthel. Learning User Interaction Forces "
     "using Vision for a Soft Finger Exosuit."
 )
+"""Of the preset; other systems have none."""
 
 _CAUSES = {
     "not_converged": "no stable equilibrium was found",
-    "crosses_itself": "the exosuit's axis crosses itself",
-    "tip_below_finger": "the exosuit's tip lies below the fingertip",
+    "crosses_itself": "the axis of a rod crosses itself",
 }
 
 
@@ -43,14 +44,15 @@ def readme(manifest: Manifest, kept: dict[str, int]) -> str:
     plain = Environment(undefined=StrictUndefined, keep_trailing_newline=True)
     template = plain.from_string(Path(__file__).with_name("card.md").read_text(encoding="utf-8"))
     return template.render(
-        name=NAME,
+        name=_name(manifest),
         licence=LICENCE,
-        paper=PAPER,
+        paper=_paper(manifest),
         manifest=manifest,
-        rows=_rows(manifest),
+        rows=row_shapes(manifest.schema, manifest.dofs),
         kept=kept,
         asked=manifest.frames + sum(manifest.dropped.values()),
-        shapes=len(manifest.shapes) // len(manifest.scenarios),
+        designs={manifest.scenarios[k]: count for k, count in _designs(manifest).items()},
+        path=_path(manifest),
         causes=_CAUSES,
         config=json.dumps(manifest.config, indent=1),
         identity=dataset_identity(manifest)["sha256"],
@@ -60,7 +62,8 @@ def readme(manifest: Manifest, kept: dict[str, int]) -> str:
 
 def croissant(manifest: Manifest) -> dict[str, Any]:
     """The card for programs: files with checksums, arrays with types and units."""
-    digest, rows = dataset_identity(manifest)["sha256"], _rows(manifest)
+    digest = dataset_identity(manifest)["sha256"]
+    rows = row_shapes(manifest.schema, manifest.dofs)
     files = [
         {
             "@type": "cr:FileObject",
@@ -98,15 +101,15 @@ def croissant(manifest: Manifest) -> dict[str, Any]:
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
         "conformsTo": "http://mlcommons.org/croissant/1.0",
-        "name": NAME,
-        "description": f"{manifest.frames} simulated gray images of a soft exosuit worn on a finger, with "
-        f"contact forces, actuation and pose; {len(manifest.shapes)} exosuits, seed {manifest.seed}.",
+        "name": _name(manifest),
+        "description": f"{manifest.frames} simulated gray images of the system {manifest.system}, with what "
+        f"its sensors read, commands and pose; {len(manifest.designs)} designs, seed {manifest.seed}.",
         "version": manifest.exosight_version,
         "license": f"https://spdx.org/licenses/{LICENCE}.html",
         "url": f"urn:sha256:{digest}",
-        "citeAs": PAPER,
+        **({"citeAs": paper} if (paper := _paper(manifest)) else {}),
         "creator": {"@type": "sc:Organization", "name": "The exosight developers"},
-        "keywords": ["soft robotics", "exosuit", "contact force", "simulation"],
+        "keywords": ["soft robotics", "contact force", "simulation"],
         "distribution": [*files, chunks],
         "recordSet": [
             {
@@ -120,10 +123,25 @@ def croissant(manifest: Manifest) -> dict[str, Any]:
     }
 
 
-def _rows(manifest: Manifest) -> dict[str, list[int]]:
-    """Size of one row of each array whose rows are more than a number."""
-    camera = manifest.camera
-    return {"images": [camera.height, camera.width], "forces": [7], "pose": [manifest.dofs]}
+def _name(manifest: Manifest) -> str:
+    return f"exosight simulated {manifest.system}"
+
+
+def _paper(manifest: Manifest) -> str:
+    return PAPER if manifest.description is None else ""
+
+
+def _designs(manifest: Manifest) -> Counter[int]:
+    """Designs of each scenario."""
+    return Counter(design.scenario for design in manifest.designs)
+
+
+def _path(manifest: Manifest) -> str:
+    """How every design is driven, in words."""
+    channels = manifest.schema.channels
+    if len(channels) > 1:
+        return "from rest over waypoints of its own, drawn in the ranges of all channels, and back to rest"
+    return f"0 → {channels[0].peak:g} → 0 {channels[0].unit}"
 
 
 def _size(frames: int) -> str:

@@ -2,35 +2,43 @@
 
 from typing import Annotated
 
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from exosight.exosuit.variation import PlantVariation
 from exosight.system.camera import Camera
+from exosight.validation import CONFIG
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.lighting import LightingVariation
 
+DESIGNS = 100
+"""Designs of a system file unless a configuration says how many."""
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+
+@dataclass(frozen=True, config=CONFIG)
 class GenerateConfig:
     """What a dataset is made of."""
 
+    system: Annotated[str, Field(min_length=1, max_length=4096)] = "published"
+    """name of a system, or a system file (*.toml)"""
+    designs: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
+    """designs of a system file; 100 unless it is given"""
     per_scenario: Annotated[int, Field(ge=1, le=401)] = 10
-    """shapes of each of the eleven scenarios; the paper has 125"""
+    """published system: shapes of each of the eleven scenarios; the paper has 125"""
     frames: Annotated[int, Field(ge=2, le=10_000)] = 50
-    """frames of each shape, evenly along 0 → 4 → 0 N"""
+    """frames of each design, evenly along its load path"""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    """seed of the shapes and of all that varies"""
+    """seed of the designs, their paths and all that varies"""
     young: Annotated[float, Field(ge=1e3, le=1e9)] = 300e3
-    """Young's modulus of the exosuit [Pa]"""
+    """published system: Young's modulus of the exosuit [Pa]"""
     contact_stiffness: Annotated[float, Field(ge=1.0, le=1e6)] = 1000.0
-    """penalty stiffness of the contact spheres [N/m]"""
+    """published system: penalty stiffness of the contact spheres [N/m]"""
     gap: Annotated[float, Field(ge=0.0, le=0.1)] = 0.0
-    """clearance between exosuit and finger at the base [m]"""
+    """published system: clearance between exosuit and finger at the base [m]"""
     camera: Camera = Camera()
-    """camera of every image"""
+    """published system: camera of every image"""
     plant: PlantVariation = PlantVariation()
-    """how finger, exosuit and mount differ from shape to shape"""
+    """published system: how finger, exosuit and mount differ from shape to shape"""
     lighting: LightingVariation = LightingVariation()
     """how shades and light differ from frame to frame"""
     appearance: AppearanceVariation = AppearanceVariation()

@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from exosight.dataset.matlab import to_matlab, write_mat
 from exosight.dataset.store import read_frames, read_variation
 from exosight.errors import DataError, InputError
 from exosight.files import new_file
+from exosight.system.schema import Channel, SensorSpec
 
 LARGEST_PATH = 256 * 2**20  # [bytes]; a path of 1000 loads takes 1 MiB
 
@@ -38,6 +39,10 @@ def export_dataset(
     about: Values = {
         "families": list(manifest.families),
         "scenarios": list(manifest.scenarios),
+        "sensor_names": [sensor.name for sensor in manifest.schema.sensors],
+        "sensor_units": [sensor.unit for sensor in manifest.schema.sensors],
+        "channel_names": [channel.name for channel in manifest.schema.channels],
+        "channel_units": [channel.unit for channel in manifest.schema.channels],
         "manifest": (folder / MANIFEST).read_text(encoding="utf-8"),
     }
     if out.is_dir():
@@ -124,18 +129,27 @@ def _write_folder(
         progress(number + 1, len(frames))
     columns: dict[str, Any] = {
         "image": names,
-        "u_N": frames.u,
-        **{f"C{i}_N": values for i, values in enumerate(frames.forces.T, start=1)},
-        "shape_id": frames.shape_id,
+        **_named("command", manifest.schema.channels, frames.commands),
+        **_named("sensor", manifest.schema.sensors, frames.sensors),
+        "design": frames.design,
         "family": [manifest.families[i] for i in frames.family],
         "scenario": [manifest.scenarios[i] for i in frames.scenario],
-        "loading": frames.loading,
+        "step": frames.step,
         **{f"q{i}": values for i, values in enumerate(frames.pose.T)},
         **variation,
     }
     with (out / "frames.csv").open("w", newline="", encoding="utf-8") as file:
         _write_rows(file, columns, len(frames))
     (out / MANIFEST).write_text(text, encoding="utf-8")
+
+
+def _named(
+    kind: str, entries: Sequence[Channel] | Sequence[SensorSpec], values: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Columns by kind, name and unit, such as sensor_F_net_N; a unit keeps its letters and digits alone."""
+    units = ["".join(c for c in entry.unit if c.isalnum()) for entry in entries]
+    names = ["_".join(filter(None, (kind, e.name, unit))) for e, unit in zip(entries, units, strict=True)]
+    return dict(zip(names, values.T, strict=True))
 
 
 def _write_rows(file: Any, columns: dict[str, Any], rows: int) -> None:

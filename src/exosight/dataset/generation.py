@@ -3,8 +3,9 @@
 This module needs JAX; reading a dataset, or `GenerateConfig`, does not.
 """
 
-from collections.abc import Callable
-from functools import lru_cache, partial
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,17 @@ from pydantic import TypeAdapter
 from exosight import __version__
 from exosight.dataset.card import write_card
 from exosight.dataset.config import GenerateConfig
+from exosight.dataset.designs import design_set, draw_designs, resolved
 from exosight.dataset.engine import on_cluster
-from exosight.dataset.frames import CAUSES, Frames
-from exosight.dataset.job import ChunkRecord, GenerationJob, finished, identity, opened, write_record
+from exosight.dataset.job import (
+    ChunkRecord,
+    GenerationJob,
+    finished,
+    identity,
+    opened,
+    stored_description,
+    write_record,
+)
 from exosight.dataset.manifest import (
     LARGEST_FRAMES,
     MANIFEST,
@@ -24,18 +33,18 @@ from exosight.dataset.manifest import (
     read_manifest,
     write_manifest,
 )
-from exosight.dataset.simulation import simulate_shapes
+from exosight.dataset.simulation import causes, simulate_designs
 from exosight.dataset.store import write_chunk
-from exosight.dataset.variation import variation_columns
+from exosight.dataset.variation import shades_of, variation_columns
 from exosight.errors import DataError, InputError
-from exosight.exosuit.assembly import MAX_FORCE
-from exosight.exosuit.scenarios import SCENARIOS, SampledShape, sample_shapes
+from exosight.system.design import Design
+from exosight.system.designs import DesignSet
 
-SHAPES_PER_CHUNK = 64
-"""Most shapes that are simulated together and stored as one file."""
+DESIGNS_PER_CHUNK = 64
+"""Most designs that are simulated together and stored as one file."""
 
 CHUNK_BYTES = 256 * 2**20
-"""Most bytes of images in a chunk: with more frames or pixels it has fewer shapes, so memory is bounded."""
+"""Most bytes of images in a chunk: with more frames or pixels it has fewer designs, so memory is bounded."""
 
 
 def generate(
@@ -49,33 +58,34 @@ def generate(
 ) -> Manifest:
     """Simulate, render and store a dataset; on machines of one kind equal configurations give equal files.
 
-    progress    called with the shapes done and their total
+    progress    called with the designs done and their total
     resume      go on with the dataset that the folder holds, stopped at any point: chunks that are whole
-                stay, damaged ones are made again; otherwise the folder must not exist
+                stay, damaged ones are made again; otherwise the folder must not exist. The folder holds all
+                that the system file says: it may be gone
     workers     processes on this machine; one (this process) uses up to eight cores
     scheduler   address of a running Dask cluster that shares the folder, instead of workers
     returns     the manifest, which also counts the frames dropped by cause
 
-    Raises DataError if the folder is in use, holds something else or cannot be written; InputError if the
-    dataset would be too large to be read again, or if no frame of it is worth keeping.
+    Raises DataError if the folder is in use, holds something else or cannot be written, or if the system file
+    cannot be read; InputError for options that are not the system's, if the dataset would be too large to be
+    read again, or if no frame of it is worth keeping.
     """
-    shapes = _shapes(config.per_scenario, config.seed)
-    _check_size(config, len(shapes))
-    job = GenerationJob(config, _shapes_per_chunk(config))
-    groups = job.groups(len(shapes))
     folder = folder.resolve()
+    job = _job(config, folder if resume else None)
+    designs, drawn = _designs(job)
+    groups = job.groups(len(drawn))
     with opened(folder, job, resume=resume):
         records = {number: finished(folder, job, number, group) for number, group in enumerate(groups)}
         missing = [number for number, record in records.items() if record is None]
         done = sum(len(groups[number]) for number in records if number not in missing)
-        progress(done, len(shapes))
+        progress(done, len(drawn))
         if not missing and (manifest := _complete(folder, list(records.values()))):
             return manifest
 
-        def step(shapes_done: int) -> None:
+        def step(designs_done: int) -> None:
             nonlocal done
-            done += shapes_done
-            progress(done, len(shapes))
+            done += designs_done
+            progress(done, len(drawn))
 
         (folder / MANIFEST).unlink(missing_ok=True)  # until its chunks are whole, it is no dataset
         if workers == 1 and scheduler is None:
@@ -86,15 +96,15 @@ def generate(
             for record in on_cluster(task, missing, workers, scheduler):
                 records[record.number] = record
                 step(len(groups[record.number]))
-        return _finish(folder, config, shapes, [record for record in records.values() if record])
+        return _finish(folder, job, designs, drawn, [record for record in records.values() if record])
 
 
 def make_chunk(
-    folder: Path, job: GenerationJob, number: int, done: Callable[[int], None] = lambda shapes: None
+    folder: Path, job: GenerationJob, number: int, done: Callable[[int], None] = lambda designs: None
 ) -> ChunkRecord:
     """Make one chunk of a job, unless the folder has it: any number of processes may, in any order.
 
-    done   called with the number of shapes finished, as they finish
+    done   called with the number of designs finished, as they finish
 
     Raises InputError if this is another version of exosight than the job's, DataError if the chunk cannot be
     written.
@@ -104,33 +114,52 @@ def make_chunk(
             f"chunk {number}: the job is one of exosight {job.exosight_version}, this process runs "
             f"{__version__}; install the same version everywhere"
         )
-    shapes = _shapes(job.config.per_scenario, job.config.seed)
-    group = job.groups(len(shapes))[number]
+    designs, drawn = _designs(job)
+    group = job.groups(len(drawn))[number]
     record = finished(folder, job, number, group)
     if record is None:
-        frames, dropped = simulate_shapes(job.config, [shapes[i] for i in group], done)
-        record = _store(folder, job, number, frames, dropped)
-    return record
-
-
-def _store(
-    folder: Path, job: GenerationJob, number: int, frames: Frames, dropped: dict[str, int]
-) -> ChunkRecord:
-    try:
+        chosen = [drawn[i] for i in group]
+        frames, dropped = simulate_designs(job.config, designs, chosen, done)
+        columns = variation_columns(job.config, designs, chosen, frames)
         record = ChunkRecord(
             job=identity(job),
             number=number,
-            entry=write_chunk(folder, number, frames, variation_columns(job.config, frames))
-            if len(frames)
-            else None,
+            entry=None,
             dofs=frames.pose.shape[1],
-            kept=tuple(np.bincount(frames.scenario, minlength=len(SCENARIOS)).tolist()),
+            kept=tuple(np.bincount(frames.scenario, minlength=len(designs.scenarios)).tolist()),
             dropped=dropped,
         )
-        write_record(folder, record)  # after the frames: what has a record is whole
-    except DataError as error:
-        raise DataError(f"{error}; mend that and run the same command again with --resume") from error
+        try:
+            if len(frames):
+                record = replace(record, entry=write_chunk(folder, number, frames, columns))
+            write_record(folder, record)  # after the frames: what has a record is whole
+        except DataError as error:
+            raise DataError(f"{error}; mend that and run the same command again with --resume") from error
     return record
+
+
+def _job(config: GenerateConfig, begun: Path | None) -> GenerationJob:
+    """What is to be made; of a system file that is gone, as the folder says in which it was begun."""
+    name = Path(config.system).name
+    description = None
+    if begun and not Path(config.system).exists():
+        description = stored_description(begun, name)
+    if description is None:
+        config, description = resolved(config)
+    else:
+        config = replace(config, system=name)
+    designs = design_set(config, description)
+    drawn = draw_designs(config, designs)
+    _check_size(config, designs, len(drawn))
+    shades_of(config, designs.build(drawn[0]))
+    view = designs.schema.cameras[0]
+    per_chunk = CHUNK_BYTES // (config.frames * view.height * view.width)
+    return GenerationJob(config, description, causes(designs), max(1, min(DESIGNS_PER_CHUNK, per_chunk)))
+
+
+def _designs(job: GenerationJob) -> tuple[DesignSet, tuple[Design, ...]]:
+    designs = design_set(job.config, job.description)
+    return designs, draw_designs(job.config, designs)
 
 
 def _complete(folder: Path, records: list[ChunkRecord | None]) -> Manifest | None:
@@ -144,25 +173,33 @@ def _complete(folder: Path, records: list[ChunkRecord | None]) -> Manifest | Non
 
 
 def _finish(
-    folder: Path, config: GenerateConfig, shapes: tuple[SampledShape, ...], records: list[ChunkRecord]
+    folder: Path,
+    job: GenerationJob,
+    designs: DesignSet,
+    drawn: Sequence[Design],
+    records: list[ChunkRecord],
 ) -> Manifest:
     """Card and manifest of a folder that has all its chunks."""
-    dropped = {cause: sum(record.dropped[cause] for record in records) for cause in CAUSES}
+    dropped = {cause: sum(record.dropped[cause] for record in records) for cause in job.causes}
     chunks = [record.entry for record in records if record.entry]
     if not chunks:
         reasons = ", ".join(f"{cause.replace('_', ' ')} {count}" for cause, count in dropped.items())
         raise InputError(
-            f"dataset: no frame is worth keeping ({reasons}); change young, contact_stiffness or gap, and "
+            f"dataset: no frame is worth keeping ({reasons}); change stiffness, clearance or ranges, and "
             "name a new folder"
         )
     manifest = new_manifest(
-        config=TypeAdapter(GenerateConfig).dump_python(config, mode="json"),
-        seed=config.seed,
-        camera=config.camera,
-        load_limit=MAX_FORCE,
+        config=TypeAdapter(GenerateConfig).dump_python(job.config, mode="json"),
+        seed=job.config.seed,
+        system=designs.name,
+        schema=designs.schema,
+        description=job.description,
+        camera=designs.camera,
         dofs=records[0].dofs,
-        shapes=list(shapes),
-        chunks=chunks,
+        families=designs.families,
+        scenarios=designs.scenarios,
+        designs=tuple(drawn),
+        chunks=tuple(chunks),
         dropped=dropped,
     )
     kept = np.sum([record.kept for record in records], axis=0)
@@ -171,23 +208,12 @@ def _finish(
     return manifest
 
 
-@lru_cache(maxsize=2)
-def _shapes(per_scenario: int, seed: int) -> tuple[SampledShape, ...]:
-    """The shapes of a dataset; a process makes many chunks of the same."""
-    return tuple(sample_shapes(per_scenario, seed))
-
-
-def _shapes_per_chunk(config: GenerateConfig) -> int:
-    shape_bytes = config.frames * config.camera.height * config.camera.width
-    return max(1, min(SHAPES_PER_CHUNK, CHUNK_BYTES // shape_bytes))
-
-
-def _check_size(config: GenerateConfig, shapes: int) -> None:
-    camera = config.camera
-    needed = shapes * config.frames * camera.height * camera.width
+def _check_size(config: GenerateConfig, designs: DesignSet, count: int) -> None:
+    view = designs.schema.cameras[0]
+    needed = count * config.frames * view.height * view.width
     if needed > LARGEST_FRAMES:
         raise InputError(
-            f"dataset: {shapes} shapes with {config.frames} frames of {camera.width}×{camera.height} pixels "
+            f"dataset: {count} designs with {config.frames} frames of {view.width}×{view.height} pixels "
             f"take {needed / 2**30:.0f} GiB, and at most {LARGEST_FRAMES >> 30} GiB can be read; "
-            "choose fewer shapes or frames, or smaller images"
+            "choose fewer designs or frames, or smaller images"
         )

@@ -15,42 +15,46 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from exosight import __version__
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.frames import CAUSES
 from exosight.dataset.manifest import FORMAT, JOB, ChunkEntry, Count
 from exosight.dataset.store import chunk_name
 from exosight.errors import DataError, InputError
-from exosight.exosuit.scenarios import SCENARIOS
 from exosight.files import replace_file, write_new_file
+from exosight.validation import CONFIG
 
 LOCK = ".lock"
 LARGEST_RECORD = 2**20  # [bytes]; a record takes under 1 KiB
+LARGEST_JOB = 2**23  # [bytes]; that of the largest system file takes under 4 MiB
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@dataclass(frozen=True, config=CONFIG)
 class GenerationJob:
     """What is to be made; every chunk follows from this and its number."""
 
     config: GenerateConfig
     """What the dataset is made of."""
-    shapes_per_chunk: Annotated[int, Field(ge=1)]
-    """Shapes stored as one file."""
+    description: dict[str, JsonValue] | None
+    """Entries of the system file; None: a preset of this package."""
+    causes: tuple[str, ...]
+    """Why frames may be left out."""
+    designs_per_chunk: Annotated[int, Field(ge=1)]
+    """Designs stored as one file."""
     exosight_version: str = __version__
     """Version of the package that makes it."""
     format: int = FORMAT
     """Version of the layout on disk."""
 
-    def groups(self, shapes: int) -> list[range]:
-        """Which shapes each chunk holds, by their places in the list of shapes."""
-        starts = range(0, shapes, self.shapes_per_chunk)
-        return [range(start, min(start + self.shapes_per_chunk, shapes)) for start in starts]
+    def groups(self, designs: int) -> list[range]:
+        """Which designs each chunk holds, by their places in the list of designs."""
+        starts = range(0, designs, self.designs_per_chunk)
+        return [range(start, min(start + self.designs_per_chunk, designs)) for start in starts]
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@dataclass(frozen=True, config=CONFIG)
 class ChunkRecord:
     """What is known of a chunk that has been made."""
 
@@ -62,7 +66,7 @@ class ChunkRecord:
     """Its file, or None if every frame was dropped."""
     dofs: Annotated[int, Field(ge=1, le=10_000)]
     """Generalised coordinates of a pose."""
-    kept: Annotated[tuple[Count, ...], Field(min_length=len(SCENARIOS), max_length=len(SCENARIOS))]
+    kept: tuple[Count, ...]
     """Frames kept of each scenario."""
     dropped: dict[str, Count]
     """Frames left out, by cause."""
@@ -103,25 +107,36 @@ def opened(folder: Path, job: GenerationJob, *, resume: bool) -> Iterator[None]:
         yield
 
 
-def finished(folder: Path, job: GenerationJob, number: int, shapes: range) -> ChunkRecord | None:
+def finished(folder: Path, job: GenerationJob, number: int, designs: range) -> ChunkRecord | None:
     """The record of a chunk of this job if its file is whole, else None."""
     path = folder / _record_name(number)
     try:
         if path.stat().st_size > LARGEST_RECORD:
             return None
         record = _RECORD.validate_json(path.read_bytes())
-        if (record.job, record.number, set(record.dropped)) != (identity(job), number, set(CAUSES)):
+        if (record.job, record.number, set(record.dropped)) != (identity(job), number, set(job.causes)):
             return None
         entry = record.entry
         if entry is None:
             return record
-        if entry.file != chunk_name(number) or not set(entry.shape_ids) <= set(shapes):
+        if entry.file != chunk_name(number) or not set(entry.designs) <= set(designs):
             return None
         with (folder / entry.file).open("rb") as file:
             whole = hashlib.file_digest(file, "sha256").hexdigest() == entry.sha256
     except (OSError, ValidationError):
         return None
     return record if whole else None
+
+
+def stored_description(folder: Path, system: str) -> dict[str, JsonValue] | None:
+    """The entries of the system file that a folder's job was begun with; None if with another, or none."""
+    try:
+        if (folder / JOB).stat().st_size > LARGEST_JOB:
+            return None
+        job = _JOB.validate_json((folder / JOB).read_bytes())
+    except (OSError, ValidationError):
+        return None
+    return job.description if job.config.system == system else None
 
 
 def write_record(folder: Path, record: ChunkRecord) -> None:
@@ -154,7 +169,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def _check_same(path: Path, job: GenerationJob) -> None:
     """Raise unless a job's file says what this job is."""
-    content = path.read_bytes() if path.stat().st_size <= LARGEST_RECORD else b""
+    content = path.read_bytes() if path.stat().st_size <= LARGEST_JOB else b""
     try:
         found = json.loads(content)
     except (ValueError, RecursionError):
@@ -165,8 +180,9 @@ def _check_same(path: Path, job: GenerationJob) -> None:
     for key in ("exosight_version", "format"):
         if found.get(key) != wanted[key]:
             raise InputError(
-                f"{path.parent}: begun by exosight {found['exosight_version']!s:.20}, this is {__version__}; "
-                "go on with that version, or name a new folder"
+                f"{path.parent}: begun by exosight {found['exosight_version']!s:.20} with format "
+                f"{found.get('format')!s:.20}, this is {__version__} with format {FORMAT}; go on with that "
+                "version, or name a new folder"
             )
     difference = _difference(found, wanted)
     if difference:

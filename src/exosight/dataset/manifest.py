@@ -9,28 +9,29 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import ConfigDict, Field, JsonValue, TypeAdapter, ValidationError
+from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from exosight import __version__
 from exosight.dataset.frames import QUANTITIES
 from exosight.errors import DataError, InputError
-from exosight.exosuit.scenarios import SCENARIOS, SampledShape, sampled_from_dict, sampled_to_dict
-from exosight.exosuit.shapes import FAMILIES
 from exosight.files import write_new_file
 from exosight.system.camera import Camera
+from exosight.system.design import Design
+from exosight.system.schema import Schema
+from exosight.validation import CONFIG, Name, first_fault
 
-FORMAT = 1
-"""Version of the layout on disk; a reader takes this one and older."""
+FORMAT = 2
+"""Version of the layout on disk; a reader takes this one alone."""
 JOB = "job.json"
 MANIFEST = "manifest.json"
-LARGEST_MANIFEST = 64 * 2**20  # [bytes]; 1375 shapes take 0.4 MiB
+LARGEST_MANIFEST = 64 * 2**20  # [bytes]; 1375 designs take 0.5 MiB
 LARGEST_FRAMES = 64 * 2**30  # [bytes] all images and poses in memory; the published dataset takes 1.1 GiB
 
 Count = Annotated[int, Field(ge=0, le=100_000_000)]
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@dataclass(frozen=True, config=CONFIG)
 class ChunkEntry:
     """One chunk file of a dataset."""
 
@@ -42,11 +43,11 @@ class ChunkEntry:
     """Size of the file [bytes]."""
     frames: Annotated[int, Field(ge=1, le=100_000_000)]
     """Frames in the file."""
-    shape_ids: tuple[Count, ...]
-    """Shapes whose frames are in the file."""
+    designs: tuple[Count, ...]
+    """Numbers of the designs whose frames are in the file."""
 
 
-@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+@dataclass(frozen=True, config=CONFIG)
 class Manifest:
     """What a dataset holds and how it was made; `new_manifest` fills in what follows from the package."""
 
@@ -58,10 +59,14 @@ class Manifest:
     """Seed of everything random in it."""
     config: dict[str, JsonValue]
     """The configuration that makes it again."""
+    system: Name
+    """Name of the system."""
+    schema: Schema
+    """Names, units and ranges of its channels, sensors and cameras."""
+    description: dict[str, JsonValue] | None
+    """Entries of its system file; None: a preset of this package."""
     camera: Camera
-    """Camera of every image."""
-    load_limit: Annotated[float, Field(ge=0, allow_inf_nan=False)]
-    """Largest magnitude of the actuation [N]."""
+    """Camera of every image: the first of the schema."""
     dofs: Annotated[int, Field(ge=1, le=10_000)]
     """Generalised coordinates of a pose."""
     families: tuple[str, ...]
@@ -70,8 +75,8 @@ class Manifest:
     """Names that the frames' `scenario` counts, from 0."""
     quantities: dict[str, dict[str, str]]
     """Type, unit and meaning of every array."""
-    shapes: tuple[dict[str, JsonValue], ...]
-    """Every exosuit shape asked for, as `sampled_to_dict` writes it."""
+    designs: tuple[Design, ...]
+    """Every design asked for."""
     chunks: tuple[ChunkEntry, ...]
     """The files with the frames."""
     dropped: dict[str, Count]
@@ -86,18 +91,10 @@ class Manifest:
 _ADAPTER = TypeAdapter(Manifest)
 
 
-def new_manifest(
-    *,
-    config: dict[str, Any],
-    seed: int,
-    camera: Camera,
-    load_limit: float,
-    dofs: int,
-    shapes: list[SampledShape],
-    chunks: list[ChunkEntry],
-    dropped: dict[str, int],
-) -> Manifest:
+def new_manifest(**entries: Any) -> Manifest:
     """The manifest of frames that this version of the package has made.
+
+    entries   all of `Manifest` but format, exosight_version and quantities
 
     Raises InputError naming the first entry that does not fit.
     """
@@ -106,30 +103,22 @@ def new_manifest(
         for name, quantity in QUANTITIES.items()
     }
     try:
-        return Manifest(
-            format=FORMAT,
-            exosight_version=__version__,
-            seed=seed,
-            config=json.loads(json.dumps(config, allow_nan=False)),  # tuples become lists, as on disk
-            camera=camera,
-            load_limit=load_limit,
-            dofs=dofs,
-            families=tuple(FAMILIES),
-            scenarios=tuple(scenario.name for scenario in SCENARIOS),
-            quantities=quantities,
-            shapes=tuple(sampled_to_dict(shape) for shape in shapes),
-            chunks=tuple(sorted(chunks, key=lambda chunk: chunk.file)),
-            dropped=dropped,
-        )
-    except ValidationError as error:
-        raise InputError(f"manifest: {_first(error)}") from error
+        # Tuples become lists, as on disk.
+        config = json.loads(json.dumps(entries.pop("config"), allow_nan=False))
     except (TypeError, ValueError) as error:
         raise InputError(f"manifest: config must hold JSON values ({error})") from error
-
-
-def sampled_shapes(manifest: Manifest) -> list[SampledShape]:
-    """The exosuit shapes of a dataset, in the order of the manifest."""
-    return [sampled_from_dict(dict(shape)) for shape in manifest.shapes]
+    chunks = sorted(entries.pop("chunks"), key=lambda chunk: chunk.file)
+    try:
+        return Manifest(
+            format=FORMAT,
+            chunks=tuple(chunks),
+            exosight_version=__version__,
+            quantities=quantities,
+            config=config,
+            **entries,
+        )
+    except ValidationError as error:
+        raise InputError(f"manifest: {first_fault(error)}") from error
 
 
 def dataset_identity(manifest: Manifest) -> dict[str, Any]:
@@ -137,23 +126,19 @@ def dataset_identity(manifest: Manifest) -> dict[str, Any]:
 
     Not the checksums of its files: those change with the processor and the libraries that made them.
     """
-    camera = TypeAdapter(Camera).dump_python(manifest.camera, mode="json")
+    values = _ADAPTER.dump_python(manifest, mode="json")
     made = {
-        "seed": manifest.seed,
-        "config": manifest.config,
-        "camera": camera,
-        "load_limit": manifest.load_limit,
-        "shapes": manifest.shapes,
-        "frames": manifest.frames,
-        "dropped": manifest.dropped,
+        name: values[name]
+        for name in ("seed", "config", "system", "schema", "description", "camera", "designs", "dropped")
     }
+    made["frames"] = manifest.frames
     return {
         "format": manifest.format,
         "sha256": hashlib.sha256(json.dumps(made, sort_keys=True).encode()).hexdigest(),
         "seed": manifest.seed,
         "frames": manifest.frames,
-        "shapes": len(manifest.shapes),
-        "camera": camera,
+        "designs": len(manifest.designs),
+        "camera": values["camera"],
     }
 
 
@@ -176,7 +161,7 @@ def read_manifest(folder: Path) -> Manifest:
     """The manifest of a complete dataset.
 
     Raises DataError if the folder is missing, holds no or an incomplete dataset, or if its manifest is
-    damaged, of a newer format or contradicts itself.
+    damaged, of another format or contradicts itself.
     """
     path = folder / MANIFEST
     if not folder.is_dir():
@@ -196,16 +181,21 @@ def read_manifest(folder: Path) -> Manifest:
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path}: truncated or damaged, it is not JSON ({error})") from error
     found = values.get("format") if isinstance(values, dict) else None
-    if not isinstance(found, int) or found < 1:
+    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
         raise DataError(f"{path}: not the manifest of a dataset, it has no format number")
     if found > FORMAT:
         raise DataError(
-            f"{path}: format {found}, written by a newer exosight; this one reads up to {FORMAT}: update it"
+            f"{path}: format {found}, written by a newer exosight; this one reads format {FORMAT}: update it"
+        )
+    if found < FORMAT:
+        raise DataError(
+            f"{path}: format {found}, written by exosight {str(values.get('exosight_version'))[:20]}; this "
+            f"one reads format {FORMAT}: make it again, exosight generate with the options in its config"
         )
     try:
         manifest = _ADAPTER.validate_json(content, strict=True)
     except ValidationError as error:
-        raise DataError(f"{path}: damaged manifest, {_first(error)}") from error
+        raise DataError(f"{path}: damaged manifest, {first_fault(error)}") from error
     fault = _find_contradiction(manifest)
     if fault:
         raise DataError(f"{path}: damaged manifest, {fault}")
@@ -222,27 +212,24 @@ def check_size(path: Path, chunk: ChunkEntry) -> None:
 
 
 def _find_contradiction(manifest: Manifest) -> str | None:
-    if manifest.families != tuple(FAMILIES)[: len(manifest.families)]:
-        return f"its families {manifest.families} are not those of this version"
-    if manifest.scenarios != tuple(each.name for each in SCENARIOS)[: len(manifest.scenarios)]:
-        return f"its scenarios {manifest.scenarios} are not those of this version"
+    camera, view = manifest.camera, manifest.schema.cameras[0]
+    if (camera.width, camera.height) != (view.width, view.height):
+        return f"its camera is not that of its schema, {view.width}×{view.height} pixels"
+    if manifest.system != manifest.schema.system:
+        return f"its system {manifest.system} is not that of its schema, {manifest.schema.system}"
     if not manifest.chunks:
         return "it lists no chunks"
     if len({chunk.file for chunk in manifest.chunks}) < len(manifest.chunks):
         return "it lists a chunk twice"
-    needed = manifest.frames * (manifest.camera.height * manifest.camera.width + 8 * manifest.dofs)
+    numbers = len(manifest.schema.sensors) + len(manifest.schema.channels) + manifest.dofs
+    needed = manifest.frames * (camera.height * camera.width + 8 * numbers)
     if needed > LARGEST_FRAMES:
         return f"its frames take {needed / 2**30:.0f} GiB of memory, at most {LARGEST_FRAMES >> 30} are read"
-    try:
-        numbers = [shape.shape_id for shape in sampled_shapes(manifest)]
-    except InputError as error:
-        return str(error)
-    if len(set(numbers)) < len(numbers):
-        return "it numbers two shapes alike"
+    if len({design.number for design in manifest.designs}) < len(manifest.designs):
+        return "it numbers two designs alike"
+    for design in manifest.designs:
+        if not 0 <= design.family < len(manifest.families):
+            return f"design {design.number} is of family {design.family}, of {len(manifest.families)}"
+        if not 0 <= design.scenario < len(manifest.scenarios):
+            return f"design {design.number} is of scenario {design.scenario}, of {len(manifest.scenarios)}"
     return None
-
-
-def _first(error: ValidationError) -> str:
-    fault = error.errors()[0]
-    place = ".".join(str(step) for step in fault["loc"])
-    return f"{place}: {fault['msg']}, got {str(fault['input'])[:60]!r}"

@@ -11,11 +11,13 @@ from typing import Any
 import numpy as np
 import scipy.io
 
-from exosight.dataset.frames import QUANTITIES, Frames, find_fault
+from exosight.dataset.frames import QUANTITIES, Frames, find_fault, row_shapes
 from exosight.errors import DataError, InputError
 from exosight.files import new_file
+from exosight.system.schema import Schema
 
 LARGEST_VARIABLE = 2**31 - 1  # [bytes], a limit of the format
+_ANY = 127  # families or scenarios: the arrays alone do not say how many there are
 _LONGEST_NAME = 63  # MATLAB's own limit; the format's older one is 31
 
 
@@ -60,11 +62,11 @@ def to_matlab(frames: Frames) -> dict[str, np.ndarray]:
     return values | {"images": np.transpose(frames.images, (1, 2, 0))}
 
 
-def from_matlab(values: Mapping[str, Any]) -> Frames:
-    """The frames among what `read_mat` found, whoever wrote them.
+def from_matlab(values: Mapping[str, Any], schema: Schema) -> Frames:
+    """The frames of a system among what `read_mat` found, whoever wrote them.
 
     MATLAB's numbers are double unless told otherwise: they are taken if they are the same in the type that
-    `Frames` has (forces and u are rounded to float32).
+    `Frames` has (sensors and commands are rounded to float32).
 
     Raises InputError naming the first quantity that is missing, of another shape, or unfit for use.
     """
@@ -80,24 +82,21 @@ def from_matlab(values: Mapping[str, Any]) -> Frames:
             if given.ndim != 3:
                 raise InputError(f"frames: images expects height × width × frames, got shape {given.shape}")
             given = np.transpose(given, (2, 0, 1))
-        elif name not in ("forces", "pose"):
+        elif name not in row_shapes(schema, 1):
             if given.size != max(given.shape, default=0):  # neither a row nor a column
                 raise InputError(f"frames: {name} expects one number a frame, got shape {given.shape}")
             given = given.reshape(-1)
+        elif given.ndim != 2:
+            raise InputError(f"frames: {name} expects frames × numbers, got shape {given.shape}")
         with np.errstate(invalid="ignore", over="ignore"):
             found[name] = np.ascontiguousarray(given.astype(quantity.dtype))
         if np.dtype(quantity.dtype).kind in "iu" and not np.array_equal(found[name], given):
             raise InputError(f"frames: {name} expects whole numbers of {np.dtype(quantity.dtype)}")
-    if found["forces"].shape[1:] != (7,) or found["pose"].ndim != 2:
-        raise InputError(
-            f"frames: expected forces of frames × 7 and pose of frames × coordinates, got "
-            f"{found['forces'].shape} and {found['pose'].shape}"
-        )
     counts = {name: len(values) for name, values in found.items()}
     if len(set(counts.values())) > 1:
         raise InputError(f"frames: expected as many rows of each, got {counts}")
-    frames = Frames(**found)
-    fault = find_fault(frames)
+    frames = Frames(schema, **found)
+    fault = find_fault(frames, _ANY, _ANY)
     if fault:
         raise InputError(f"frames: {fault}")
     return frames

@@ -1,4 +1,4 @@
-"""Shapes in, labelled images out: every shape driven 0 → 4 → 0 N, filtered and rendered.
+"""Designs in, labelled images out: every design driven along its load path, filtered and rendered.
 
 This module needs JAX; reading a dataset, or `GenerateConfig`, does not.
 """
@@ -7,86 +7,82 @@ from collections.abc import Callable, Sequence
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int, Int8, UInt8
+from jaxtyping import Bool, Float, Int, Int8, UInt8
 
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.frames import CAUSES, Frames, concatenate
-from exosight.dataset.variation import appearance_of, lighting_of, variant_of
-from exosight.exosuit.assembly import MAX_FORCE, Exosuit, Pose, assemble, observe, varied
-from exosight.exosuit.scenarios import SampledShape
-from exosight.exosuit.shapes import FAMILIES, ExosuitShape
-from exosight.mechanics import drive, stack
+from exosight.dataset.frames import Frames, concatenate
+from exosight.dataset.load_paths import LoadPath, load_path
+from exosight.dataset.variation import appearance_of, lighting_of
+from exosight.mechanics import Equilibria, Rod, drive
+from exosight.system.design import Design
+from exosight.system.designs import DesignSet
+from exosight.system.observation import Observation, observe
+from exosight.system.system import System, stack_systems
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.augment import augment
 from exosight.vision.scene import cover, picture
 
 
-def simulate_shapes(
+def causes(designs: DesignSet) -> tuple[str, ...]:
+    """Why frames are dropped; a frame counts under the first cause that holds."""
+    return ("not_converged", "crosses_itself", *designs.filters)
+
+
+def simulate_designs(
     config: GenerateConfig,
-    shapes: Sequence[SampledShape],
-    done: Callable[[int], None] = lambda shapes: None,
+    designs: DesignSet,
+    chosen: Sequence[Design],
+    done: Callable[[int], None] = lambda designs: None,
 ) -> tuple[Frames, dict[str, int]]:
-    """The frames of some shapes, and how many were dropped, by cause.
+    """The frames of some designs, and how many were dropped, by cause.
 
-    Depends on the configuration and these shapes alone: the same whichever process simulates them, and when.
+    Depends on the configuration and these designs alone: the same whichever process simulates them, and when.
 
-    done   called with the number of shapes finished, as they finish
+    done   called with the number of designs finished, as they finish
     """
-    loads, keep = load_path(config.frames)
-    exosuits = [wear(config, sampled) for sampled in shapes]
-    robots = [assemble(exosuit) for exosuit in exosuits]
-    found = drive(robots, loads[:, None], done=done)
-    found = jax.tree.map(lambda leaf: leaf[:, keep], found)
-    pose: Pose = jax.tree.map(np.asarray, observe(stack(robots), found.q))
-    causes = first_cause(np.asarray(found.converged), pose)
-    lost = {cause: int(np.sum(causes == i)) for i, cause in enumerate(CAUSES)}
+    systems = [designs.build(design) for design in chosen]
+    paths = [load_path(designs.schema, config.frames, config.seed, design.number) for design in chosen]
+    found = _solve(systems, paths, done)
+    seen: Observation = jax.tree.map(np.asarray, observe(stack_systems(systems), found.q))
+    cause = first_cause(designs, systems[0], np.asarray(found.converged), seen)
+    names = causes(designs)
     parts = []
-    for i, (sampled, exosuit) in enumerate(zip(shapes, exosuits, strict=True)):
-        kept = causes[i] == len(CAUSES)
-        q, own = jax.tree.map(lambda leaf, i=i, kept=kept: leaf[i, kept], (found.q, pose))
-        images = depict(config, sampled, exosuit, own, np.flatnonzero(kept))
-        parts.append(_frames(sampled, images, q, own, _driven(loads[keep], kept)))
-    return concatenate(parts), lost
-
-
-def wear(config: GenerateConfig, sampled: SampledShape) -> Exosuit:
-    """The worn exosuit of one shape of a dataset, with what varies from shape to shape."""
-    return varied(exosuit_of(config, sampled.shape), variant_of(config, sampled.shape_id))
+    for i, (design, system, path) in enumerate(zip(chosen, systems, paths, strict=True)):
+        places = np.flatnonzero(cause[i] == len(names))
+        own: Observation = jax.tree.map(lambda leaf, i=i, at=places: leaf[i, at], seen)
+        parts.append(
+            Frames(
+                schema=designs.schema,
+                images=depict(config, system, own, design, places),
+                sensors=np.asarray(own.readings, np.float32),
+                commands=path.commands[path.frames][places].astype(np.float32),
+                pose=np.asarray(found.q[i, places], np.float64),
+                design=np.full(len(places), design.number, np.int32),
+                family=np.full(len(places), design.family, np.int8),
+                scenario=np.full(len(places), design.scenario, np.int8),
+                step=places.astype(np.int32),
+            )
+        )
+    return concatenate(parts), {name: int(np.sum(cause == k)) for k, name in enumerate(names)}
 
 
 def depict(
     config: GenerateConfig,
-    sampled: SampledShape,
-    exosuit: Exosuit,
-    pose: Pose,
+    system: System,
+    seen: Observation,
+    design: Design,
     places: Int[np.ndarray, " frames"],
 ) -> UInt8[np.ndarray, "frames height width"]:
-    """The pictures of one shape of a dataset, with what varies from frame to frame.
+    """The pictures of one design of a dataset, with what varies from frame to frame.
 
-    pose     of this exosuit, with one batch dimension: the frames
-    places   of the frames on the path 0 → 4 → 0 N, from 0
+    seen     of this system, with one batch dimension: the frames
+    places   of the frames on the design's path, from 0
     """
-    numbers = sampled.shape_id * config.frames + places.astype(np.int64)
-    images = picture(exosuit, pose, config.camera, lighting_of(config, numbers))
+    numbers = design.number * config.frames + places.astype(np.int64)
+    images = picture(system, seen.axes, lighting_of(config, numbers, system))
     if config.appearance == AppearanceVariation():
         return images
-    return augment(images, appearance_of(config, numbers), cover(exosuit, pose, config.camera))
-
-
-def exosuit_of(config: GenerateConfig, shape: ExosuitShape) -> Exosuit:
-    """The nominal worn exosuit of any shape, with the constants of a dataset."""
-    return Exosuit(shape, young=config.young, contact_stiffness=config.contact_stiffness, gap=config.gap)
-
-
-def load_path(frames: int) -> tuple[Float[np.ndarray, " loads"], Bool[np.ndarray, " loads"]]:
-    """The loads of 0 → 4 → 0 N [N], and which of them are frames: all but, if none is there, the turn at 4 N.
-
-    The frames are spread evenly over the path.
-    """
-    way = np.linspace(0, 2 * MAX_FORCE, frames)
-    way = np.union1d(way, MAX_FORCE) if frames % 2 == 0 else way
-    keep = np.ones(len(way), bool) if frames % 2 else way != MAX_FORCE
-    return np.minimum(way, 2 * MAX_FORCE - way), keep
+    return augment(images, appearance_of(config, numbers), cover(system, seen.axes))
 
 
 def crosses_itself(line: Float[np.ndarray, "frames points 3"]) -> Bool[np.ndarray, " frames"]:
@@ -106,41 +102,30 @@ def crosses_itself(line: Float[np.ndarray, "frames points 3"]) -> Bool[np.ndarra
 
 
 def first_cause(
-    converged: Bool[np.ndarray, "shapes frames"], pose: Pose
-) -> Int8[np.ndarray, "shapes frames"]:
-    """Why each frame is dropped: index of the first of CAUSES that holds, or their number if none does."""
-    faults = (
-        ~converged,
-        np.stack([crosses_itself(np.asarray(line)) for line in pose.centreline]),
-        np.asarray(pose.centreline[:, :, -1, 2] < pose.finger[:, :, -1, 2]),
-        np.ones_like(converged),
-    )
+    designs: DesignSet, system: System, converged: Bool[np.ndarray, "designs frames"], seen: Observation
+) -> Int8[np.ndarray, "designs frames"]:
+    """Why each frame is dropped: index of the first of `causes` that holds, or their number if none does.
+
+    system   any of the observed ones: it tells which tubes are drawn along rods
+    """
+    crosses = np.zeros_like(converged)
+    for name in _along_rods(system):
+        crosses |= np.stack([crosses_itself(np.asarray(line)) for line in seen.axes[name]])
+    own = [np.asarray(leaves_out(seen)) for leaves_out in designs.filters.values()]
+    faults = (~converged, crosses, *own, np.ones_like(converged))
     return np.argmax(np.stack(faults), axis=0).astype(np.int8)
 
 
-def _driven(
-    u: Float[np.ndarray, " frames"], kept: Bool[np.ndarray, " frames"]
-) -> tuple[Float32[np.ndarray, " kept"], Int8[np.ndarray, " kept"]]:
-    """Actuation and direction of loading of the frames kept."""
-    loading = np.where(np.arange(len(u)) < len(u) / 2, 1, -1)
-    return u[kept].astype(np.float32), loading[kept].astype(np.int8)
+def _along_rods(system: System) -> list[str]:
+    """The tubes whose axis is that of a rod."""
+    rods = {body.name for body in system.bodies if isinstance(body, Rod)}
+    return [tube.name for tube in system.tubes if {body for body, _ in tube.nodes} <= rods]
 
 
-def _frames(
-    sampled: SampledShape,
-    images: UInt8[np.ndarray, "frames height width"],
-    q: Float[np.ndarray, "frames dofs"],
-    pose: Pose,
-    driven: tuple[Float32[np.ndarray, " frames"], Int8[np.ndarray, " frames"]],
-) -> Frames:
-    u, loading = driven
-    return Frames(
-        images=images,
-        forces=np.asarray(pose.forces[:, 1:], dtype=np.float32),
-        u=u,
-        pose=np.asarray(q, dtype=np.float64),
-        shape_id=np.full(len(u), sampled.shape_id, dtype=np.int32),
-        family=np.full(len(u), list(FAMILIES).index(sampled.shape.surface.family), dtype=np.int8),
-        scenario=np.full(len(u), sampled.scenario, dtype=np.int8),
-        loading=loading,
-    )
+def _solve(systems: Sequence[System], paths: Sequence[LoadPath], done: Callable[[int], None]) -> Equilibria:
+    """The equilibria of every system at the frames of its path, with batch shape (systems, frames)."""
+    robots = [system.robot for system in systems]
+    loads = [system.loads(path.commands) for system, path in zip(systems, paths, strict=True)]
+    frames = paths[0].frames
+    found = drive(robots, np.stack(loads), done=done)
+    return jax.tree.map(lambda leaf: leaf[:, frames], found)

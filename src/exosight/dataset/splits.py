@@ -1,12 +1,12 @@
 """Dividing frames into training, validation and test parts, by four protocols.
 
-frame      60/20/20 % of the frames at random: the published protocol. Near-identical frames of one shape
+frame      60/20/20 % of the frames at random: the published protocol. Near-identical frames of one design
            fall on both sides, so it measures interpolation along known paths.
-shape      60/20/20 % of the shapes, every scenario divided as evenly as possible: unseen shapes, known kinds.
-family     the test part is every frame of one family; the other shapes are divided 75/25 %: unseen kinds.
+design     60/20/20 % of the designs, every scenario divided as evenly as possible: known kinds.
+family     the test part is every frame of one family; the other designs are divided 75/25 %: unseen kinds.
 variation  the test part is the fifth of the frames in which one thing that varies in the dataset is largest,
-           such as the exosuits' modulus or the turn of the camera; the shapes of the others are divided
-           75/25 %: unseen stiffness, unseen cameras.
+           such as a modulus or the turn of the camera; the designs of the others are divided 75/25 %:
+           unseen stiffness, unseen cameras.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,9 +17,8 @@ from jaxtyping import Bool, Int, Int32
 
 from exosight.dataset.frames import Columns, Frames
 from exosight.errors import InputError
-from exosight.exosuit.shapes import FAMILIES
 
-PROTOCOLS = ("frame", "shape", "family", "variation")
+PROTOCOLS = ("frame", "design", "family", "variation")
 
 Index = Int[np.ndarray, " _"]
 
@@ -59,36 +58,38 @@ def split_by_frame(frames: Frames, seed: int) -> Split:
     return Split(*(np.sort(part) for part in parts), protocol="frame", seed=seed)
 
 
-def split_by_shape(frames: Frames, seed: int) -> Split:
-    """60/20/20 % of the shapes, every scenario divided as evenly as possible.
+def split_by_design(frames: Frames, seed: int) -> Split:
+    """60/20/20 % of the designs, every scenario divided as evenly as possible.
 
-    Raises InputError for fewer than five shapes.
+    Raises InputError for fewer than five designs.
     """
-    parts = _divide_shapes(frames.shape_id, frames.scenario, (0.6, 0.2, 0.2), seed)
-    train, validation, test = (_frames_of(frames.shape_id, part) for part in parts)
-    return Split(train, validation, test, protocol="shape", seed=seed)
+    parts = _divide_designs(frames.design, frames.scenario, (0.6, 0.2, 0.2), seed)
+    train, validation, test = (_frames_of(frames.design, part) for part in parts)
+    return Split(train, validation, test, protocol="design", seed=seed)
 
 
-def split_by_family(frames: Frames, seed: int, held_out: str) -> Split:
-    """Test on every frame of one family; divide the other shapes 75/25 % into training and validation.
+def split_by_family(frames: Frames, seed: int, held_out: str, families: Sequence[str]) -> Split:
+    """Test on every frame of one family; divide the other designs 75/25 % into training and validation.
 
-    Raises InputError for an unknown family, one without frames, or fewer than four other shapes.
+    families   those of the dataset, in the order of its manifest
+
+    Raises InputError for an unknown family, one without frames, or fewer than four other designs.
     """
-    if held_out not in FAMILIES:
-        raise InputError(f"held-out family: expected one of {', '.join(FAMILIES)}, got {held_out!r}")
-    out = frames.family == list(FAMILIES).index(held_out)
+    if held_out not in families:
+        raise InputError(f"held-out family: expected one of {', '.join(families)}, got {held_out!r}")
+    out = frames.family == families.index(held_out)
     if not out.any():
         raise InputError(f"held-out family: the dataset has no frames of {held_out!r}; choose another family")
     return Split(*_around(frames, out, seed), protocol="family", seed=seed, held_out=held_out)
 
 
 def split_by_variation(frames: Frames, seed: int, held_out: str, variation: Columns) -> Split:
-    """Test on the fifth of the frames in which something is largest; divide the others' shapes 75/25 %.
+    """Test on the fifth of the frames in which something is largest; divide the others' designs 75/25 %.
 
     held_out   its name, such as `plant.young` or `appearance.roll`
     variation  what was drawn for each frame
 
-    Raises InputError for what does not vary in the dataset, hardly does, or leaves fewer than four shapes.
+    Raises InputError for what does not vary in the dataset, hardly does, or leaves fewer than four designs.
     """
     if held_out not in _varying(variation):
         raise InputError(
@@ -113,26 +114,28 @@ def make_split(
     seed: int,
     held_out: str | None = None,
     variation: Columns | None = None,
+    families: Sequence[str] = (),
 ) -> Split:
     """Divide frames by one of PROTOCOLS.
 
     held_out   what `family` or `variation` keeps for testing
     variation  what was drawn for each frame, for `variation`, as `read_variation` gives it
+    families   the manifest's, for `family`
 
     Raises InputError for an unknown protocol, a missing or needless held_out, or too little to divide.
     """
     if protocol not in PROTOCOLS:
         raise InputError(f"split: expected one of {', '.join(PROTOCOLS)}, got {protocol!r}")
     variation = variation or {}
-    if protocol in ("frame", "shape"):
+    if protocol in ("frame", "design"):
         if held_out is not None:
             raise InputError(f"split by {protocol}: holds nothing out, got {held_out!r}")
-        return split_by_frame(frames, seed) if protocol == "frame" else split_by_shape(frames, seed)
+        return split_by_frame(frames, seed) if protocol == "frame" else split_by_design(frames, seed)
     if held_out is None:
-        known = _listed(FAMILIES if protocol == "family" else _varying(variation))
+        known = _listed(families if protocol == "family" else _varying(variation))
         raise InputError(f"split by {protocol}: name what is held out ({known})")
     if protocol == "family":
-        return split_by_family(frames, seed, held_out)
+        return split_by_family(frames, seed, held_out, families)
     return split_by_variation(frames, seed, held_out, variation)
 
 
@@ -146,30 +149,30 @@ def _listed(names: Iterable[str]) -> str:
 
 def _around(frames: Frames, out: Bool[np.ndarray, " frames"], seed: int) -> tuple[Index, Index, Index]:
     """Training, validation and test part: the last is what is held out, the others divide the rest."""
-    parts = _divide_shapes(frames.shape_id[~out], frames.scenario[~out], (0.75, 0.25), seed)
-    train, validation = (np.flatnonzero(np.isin(frames.shape_id, part) & ~out) for part in parts)
+    parts = _divide_designs(frames.design[~out], frames.scenario[~out], (0.75, 0.25), seed)
+    train, validation = (np.flatnonzero(np.isin(frames.design, part) & ~out) for part in parts)
     return train, validation, np.flatnonzero(out)
 
 
-def _divide_shapes(
-    shape_id: Int32[np.ndarray, " frames"],
+def _divide_designs(
+    design: Int32[np.ndarray, " frames"],
     scenario: Int[np.ndarray, " frames"],
     shares: Sequence[float],
     seed: int,
 ) -> list[Index]:
-    """Shape numbers of each part.
+    """Design numbers of each part.
 
-    Shapes are lined up scenario by scenario, shuffled within each, and dealt to the part that lags most
+    Designs are lined up scenario by scenario, shuffled within each, and dealt to the part that lags most
     behind its share: any stretch of the line, so any scenario, is divided evenly.
     """
-    shapes, first = np.unique(shape_id, return_index=True)
+    designs, first = np.unique(design, return_index=True)
     needed = round(1 / min(shares))
-    if len(shapes) < needed:
+    if len(designs) < needed:
         raise InputError(
-            f"split: expected at least {needed} shapes to divide, got {len(shapes)}; generate more shapes"
+            f"split: expected at least {needed} designs to divide, got {len(designs)}; generate more designs"
         )
     rng = np.random.default_rng(seed)
-    groups = [shapes[scenario[first] == each] for each in rng.permutation(np.unique(scenario[first]))]
+    groups = [designs[scenario[first] == each] for each in rng.permutation(np.unique(scenario[first]))]
     line = np.concatenate([rng.permutation(group) for group in groups])
     counts = np.zeros(len(shares))
     dealt = np.empty(len(line), dtype=np.intp)
@@ -180,5 +183,5 @@ def _divide_shapes(
     return [line[dealt == part] for part in range(len(shares))]
 
 
-def _frames_of(shape_id: Int32[np.ndarray, " frames"], shapes: Index) -> Index:
-    return np.flatnonzero(np.isin(shape_id, shapes))
+def _frames_of(design: Int32[np.ndarray, " frames"], designs: Index) -> Index:
+    return np.flatnonzero(np.isin(design, designs))

@@ -10,26 +10,20 @@ import h5py
 import numpy as np
 
 from exosight import __version__
-from exosight.dataset.frames import QUANTITIES, Columns, Frames, find_fault
-from exosight.dataset.manifest import (
-    FORMAT,
-    MANIFEST,
-    ChunkEntry,
-    check_size,
-    read_manifest,
-    sampled_shapes,
-)
+from exosight.dataset.frames import QUANTITIES, Columns, Frames, find_fault, row_shapes
+from exosight.dataset.manifest import FORMAT, MANIFEST, ChunkEntry, check_size, read_manifest
 from exosight.errors import DataError, InputError
-from exosight.exosuit.scenarios import SampledShape
-from exosight.exosuit.shapes import FAMILIES
 from exosight.files import replace_file
+from exosight.system.design import Design
 
 VARIATION = "variation"
 """Group of a chunk file with what was drawn for each frame, if anything varies."""
 
+_ANY = 127  # families or scenarios; the manifest, which is written last, says how many there are
+
 
 def write_chunk(folder: Path, index: int, frames: Frames, variation: Columns | None = None) -> ChunkEntry:
-    """Write the frames of some shapes as one chunk file, and return its entry for the manifest.
+    """Write the frames of some designs as one chunk file, and return its entry for the manifest.
 
     folder     an existing folder without a manifest
     index      number of the chunk in the dataset, 0, 1, 2 …
@@ -41,7 +35,7 @@ def write_chunk(folder: Path, index: int, frames: Frames, variation: Columns | N
     Raises InputError if the frames are none or unfit for use, DataError if the dataset is complete or the
     file cannot be written.
     """
-    fault = "there are none" if len(frames) == 0 else find_fault(frames)
+    fault = "there are none" if len(frames) == 0 else find_fault(frames, _ANY, _ANY)
     if fault:
         raise InputError(f"frames of chunk {index}: {fault}")
     if (folder / MANIFEST).exists():
@@ -53,7 +47,7 @@ def write_chunk(folder: Path, index: int, frames: Frames, variation: Columns | N
         sha256=hashlib.sha256(content).hexdigest(),
         bytes=len(content),
         frames=len(frames),
-        shape_ids=tuple(np.unique(frames.shape_id).tolist()),
+        designs=tuple(np.unique(frames.design).tolist()),
     )
 
 
@@ -69,22 +63,23 @@ def read_frames(folder: Path) -> Frames:
     if what it holds contradicts the manifest.
     """
     manifest = read_manifest(folder)
-    height, width = manifest.camera.height, manifest.camera.width
-    rest = {"images": (height, width), "forces": (7,), "pose": (manifest.dofs,)}
+    rows = row_shapes(manifest.schema, manifest.dofs)
     # Pages are touched as they are filled: a manifest that promises too much fails before it costs memory.
     frames = Frames(
+        manifest.schema,
         **{
-            name: np.empty((manifest.frames, *rest.get(name, ())), quantity.dtype)
+            name: np.empty((manifest.frames, *rows.get(name, ())), quantity.dtype)
             for name, quantity in QUANTITIES.items()
-        }
+        },
     )
-    shapes = {shape.shape_id: shape for shape in sampled_shapes(manifest)}
+    designs = {design.number: design for design in manifest.designs}
     start = 0
     for chunk in manifest.chunks:
         stop = start + chunk.frames
-        rows = Frames(**{name: getattr(frames, name)[start:stop] for name in QUANTITIES})
-        _read_chunk(folder / chunk.file, chunk, rows)
-        fault = find_fault(rows, manifest.load_limit) or _find_mislabelled(rows, chunk, shapes)
+        part = Frames(manifest.schema, **{name: getattr(frames, name)[start:stop] for name in QUANTITIES})
+        _read_chunk(folder / chunk.file, chunk, part)
+        fault = find_fault(part, len(manifest.families), len(manifest.scenarios))
+        fault = fault or _find_mislabelled(part, chunk, designs)
         if fault:
             raise DataError(f"{folder / chunk.file}: {fault}")
         start = stop
@@ -173,15 +168,14 @@ def _fill(rows: np.ndarray, name: str, file: h5py.File) -> None:
     data.read_direct(rows)
 
 
-def _find_mislabelled(frames: Frames, chunk: ChunkEntry, shapes: dict[int, SampledShape]) -> str | None:
-    """The first shape whose frames disagree with the manifest, in words, or None."""
-    if tuple(np.unique(frames.shape_id).tolist()) != chunk.shape_ids:
-        return "it holds other shapes than the manifest says"
-    for number in chunk.shape_ids:
-        if number not in shapes:
-            return f"the manifest lists no shape {number}"
-        mine, listed = frames.shape_id == number, shapes[number]
-        family = list(FAMILIES).index(listed.shape.surface.family)
-        if np.any(frames.family[mine] != family) or np.any(frames.scenario[mine] != listed.scenario):
-            return f"frames of shape {number} carry another family or scenario than the manifest gives it"
+def _find_mislabelled(frames: Frames, chunk: ChunkEntry, designs: dict[int, Design]) -> str | None:
+    """The first design whose frames disagree with the manifest, in words, or None."""
+    if tuple(np.unique(frames.design).tolist()) != chunk.designs:
+        return "it holds other designs than the manifest says"
+    for number in chunk.designs:
+        if number not in designs:
+            return f"the manifest lists no design {number}"
+        mine, listed = frames.design == number, designs[number]
+        if np.any(frames.family[mine] != listed.family) or np.any(frames.scenario[mine] != listed.scenario):
+            return f"frames of design {number} carry another family or scenario than the manifest gives it"
     return None

@@ -1,10 +1,10 @@
-"""Fresh exosuits without end, simulated in another process while this one trains on those before.
+"""Fresh designs without end, simulated in another process while this one trains on those before.
 
     from exosight.dataset.stream import stream
 
-    with stream(config, exclude=sampled_shapes(manifest)) as blocks:
+    with stream(config_of(manifest), 3, description=manifest.description, exclude=manifest.designs) as blocks:
         for frames in blocks:
-            ...  # images, forces, u … of 11 · per_scenario shapes never seen before
+            ...  # images, sensors, commands … of three designs of each scenario never seen before
 
 Usable without JAX: only the other process imports it. As every program that starts processes, one that
 streams keeps its own work under `if __name__ == "__main__":`.
@@ -12,18 +12,21 @@ streams keeps its own work under `if __name__ == "__main__":`.
 
 import multiprocessing
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Hashable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
-from typing import NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Frames
 from exosight.errors import DataError, ExosightError, InputError
-from exosight.exosuit.scenarios import SampledShape, geometry, sample_shapes
+from exosight.system.design import Design
+
+if TYPE_CHECKING:
+    from exosight.system.designs import DesignSet  # needs JAX
 
 STREAM = 0x57
 """Part of every seed of a stream, so that none is that of a dataset."""
@@ -41,25 +44,41 @@ class _Failure(NamedTuple):
     sentence: str
 
 
+class _Order(NamedTuple):
+    """What the simulating process makes."""
+
+    config: GenerateConfig
+    description: dict[str, Any] | None
+    per_scenario: int
+    exclude: tuple[Design, ...]
+    start: int
+
+
 @contextmanager
 def stream(
-    config: GenerateConfig, *, exclude: Iterable[SampledShape] = (), start: int = 0
+    config: GenerateConfig,
+    per_scenario: int,
+    *,
+    description: dict[str, Any] | None = None,
+    exclude: Iterable[Design] = (),
+    start: int = 0,
 ) -> Iterator[Iterator[Frames]]:
-    """Blocks of frames of fresh shapes, for ever: 11 · config.per_scenario shapes each, less the excluded.
+    """Blocks of frames of fresh designs, for ever: so many of each scenario a block, less the excluded.
 
-    config    as for a dataset; per_scenario counts the shapes of one block
-    exclude   shapes that never come up, whatever their numbers: those of the datasets used for judging
-    start     number of the first block; block k depends on config, `exclude` and k alone
-    returns   an iterator of Frames; `shape_id` counts through the whole stream, and the shapes of one block
-              are distinct
+    config         as a dataset's; its own numbers of designs do not count
+    description    entries of the system file, as the dataset's manifest holds them; None for a preset
+    exclude        designs that never come up, whatever their numbers: those of the datasets used for judging
+    start          number of the first block; block k depends on config, `exclude` and k alone
+    returns        an iterator of Frames; `design` counts through the whole stream, and the designs of one
+                   block are distinct
 
     One block waits while the next is simulated. Leaving the `with` ends the process.
     Raises DataError, from the iterator, if the simulation fails or its process is killed.
     """
     context = multiprocessing.get_context("spawn")  # a forked process would share the threads' locks
     here, there = context.Pipe(duplex=False)
-    arguments = (there, config, {geometry(sampled.shape) for sampled in exclude}, start)
-    process = context.Process(target=_produce, args=arguments, daemon=True, name="exosight stream")
+    order = _Order(config, description, per_scenario, tuple(exclude), start)
+    process = context.Process(target=_produce, args=(there, order), daemon=True, name="exosight stream")
     process.start()
     there.close()  # the process has the only other end: if it dies, reading ends
     try:
@@ -71,14 +90,14 @@ def stream(
         process.close()
 
 
-def block_shapes(
-    config: GenerateConfig, number: int, excluded: set[tuple[float, bytes]]
-) -> list[SampledShape]:
-    """The shapes of one block of a stream: those of its own seed that are not excluded."""
-    seed = int(np.random.SeedSequence((config.seed, STREAM, number)).generate_state(1, np.uint64)[0])
-    drawn = sample_shapes(config.per_scenario, seed)
-    fresh = [sampled for sampled in drawn if geometry(sampled.shape) not in excluded]
-    return [replace(sampled, shape_id=number * len(drawn) + sampled.shape_id) for sampled in fresh]
+def block_designs(
+    designs: "DesignSet", seed: int, per_scenario: int, number: int, excluded: set[Hashable]
+) -> list[Design]:
+    """The designs of one block of a stream: those of its own seed whose keys are not excluded."""
+    own = int(np.random.SeedSequence((seed, STREAM, number)).generate_state(1, np.uint64)[0])
+    drawn = designs.draw(per_scenario, own)
+    fresh = [design for design in drawn if designs.key(design) not in excluded]
+    return [replace(design, number=number * len(drawn) + design.number) for design in fresh]
 
 
 def _received(connection: Connection) -> Iterator[Frames]:
@@ -92,14 +111,12 @@ def _received(connection: Connection) -> Iterator[Frames]:
         yield block
 
 
-def _produce(
-    connection: Connection, config: GenerateConfig, excluded: set[tuple[float, bytes]], number: int
-) -> None:
+def _produce(connection: Connection, order: _Order) -> None:
     """Simulate block after block. Sending waits for the reader, so no more than one block is ahead of it."""
     os.nice(PRIORITY)
     with suppress(BrokenPipeError, KeyboardInterrupt):  # the reader has gone
         try:
-            for block in _simulated(config, excluded, number):
+            for block in _simulated(order):
                 connection.send(block)
         except ExosightError as error:
             connection.send(_Failure(str(error)))
@@ -109,17 +126,20 @@ def _produce(
             connection.send(_Failure(f"the simulation failed ({type(error).__name__}: {error})"))
 
 
-def _simulated(config: GenerateConfig, excluded: set[tuple[float, bytes]], number: int) -> Iterator[Frames]:
-    from exosight.dataset.simulation import simulate_shapes
+def _simulated(order: _Order) -> Iterator[Frames]:
+    from exosight.dataset.designs import design_set
+    from exosight.dataset.simulation import simulate_designs
 
-    empty = 0
+    designs = design_set(order.config, order.description)
+    excluded = {designs.key(design) for design in order.exclude}
+    number, empty = order.start, 0
     while empty < EMPTY_BLOCKS:
-        shapes = block_shapes(config, number, excluded)
-        frames = simulate_shapes(config, shapes)[0] if shapes else ()
+        chosen = block_designs(designs, order.config.seed, order.per_scenario, number, excluded)
+        frames = simulate_designs(order.config, designs, chosen)[0] if chosen else ()
         empty = 0 if len(frames) else empty + 1
         if isinstance(frames, Frames) and len(frames):
             yield frames
         number += 1
     raise InputError(
-        f"no frame of {EMPTY_BLOCKS} blocks is worth keeping; exclude less, or change young or gap"
+        f"no frame of {EMPTY_BLOCKS} blocks is worth keeping; exclude less, or change stiffness or clearance"
     )

@@ -9,10 +9,17 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from exosight.control.trials import CONTROL_SHAPE
-from exosight.environment.task import Grips, action_space, observation_space, settings
+from exosight.environment.task import (
+    GripConfig,
+    Grips,
+    action_space,
+    nominal_system,
+    observation_space,
+    settings,
+)
 from exosight.errors import InputError
-from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import NAME
+from exosight.system.system import System
 
 _METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
 
@@ -20,7 +27,8 @@ _METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}
 class GripEnv(gymnasium.Env):
     """One grip, see `exosight.environment.task`.
 
-    exosuit      what is simulated; by default the paper's controller's
+    system       what is simulated: name of a preset, a system file, or a system itself; by default the
+                 exosuit of the paper's controller
     render_mode  "rgb_array": `render` shows the camera's picture
     others       fields of `GripConfig`
 
@@ -31,11 +39,12 @@ class GripEnv(gymnasium.Env):
 
     metadata = _METADATA
 
-    def __init__(self, exosuit: Exosuit | None = None, render_mode: str | None = None, **others: Any) -> None:
+    def __init__(self, system: str | System = NAME, render_mode: str | None = None, **others: Any) -> None:
         self.render_mode = _render_mode(render_mode)
-        config = settings(others)
-        self.observation_space, self.action_space = observation_space(config), action_space()
-        self._grips = Grips([exosuit or Exosuit(CONTROL_SHAPE)], config)
+        config, systems = _systems((system,), others)
+        self._grips = Grips(systems, config)
+        self.observation_space = observation_space(self._grips.schema, config, self._grips.camera)
+        self.action_space = action_space(self._grips.schema)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict]:
         """Begin an episode at rest; the seed decides its targets."""
@@ -61,7 +70,8 @@ class GripVectorEnv(VectorEnv):
     """Many grips, solved together: the same as so many `GripEnv`, step by step, but faster.
 
     num_envs        how many
-    exosuits        what they wear, in turn; by default the paper's controller's
+    system          what is simulated: one for all or several, taken in turn, each as for `GripEnv`; all of
+                    one structure
     autoreset_mode  Gymnasium's "NextStep" (an episode that is over begins anew in the next step, whatever the
                     action), "SameStep" (at once; the last observation is in `final_obs`) or "Disabled"
                     (`reset` with the option "reset_mask")
@@ -78,7 +88,7 @@ class GripVectorEnv(VectorEnv):
     def __init__(
         self,
         num_envs: int = 1,
-        exosuits: Sequence[Exosuit] = (),
+        system: str | System | Sequence[str | System] = NAME,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         **others: Any,
@@ -88,12 +98,15 @@ class GripVectorEnv(VectorEnv):
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self.render_mode = _render_mode(render_mode)
-        self.num_envs, config = num_envs, settings(others)
-        self.single_observation_space, self.single_action_space = observation_space(config), action_space()
+        self.num_envs = num_envs
+        several = [system] if isinstance(system, str | System) else system
+        config, systems = _systems(several, others)
+        self._grips = Grips([systems[i % len(systems)] for i in range(num_envs)], config)
+        schema = self._grips.schema
+        self.single_observation_space = observation_space(schema, config, self._grips.camera)
+        self.single_action_space = action_space(schema)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        worn = tuple(exosuits) or (Exosuit(CONTROL_SHAPE),)
-        self._grips = Grips([worn[i % len(worn)] for i in range(num_envs)], config)
         self._generators = [seeding.np_random()[0] for _ in range(num_envs)]
         self._over = np.zeros(num_envs, bool)
 
@@ -157,6 +170,13 @@ class GripVectorEnv(VectorEnv):
     def _told(self) -> dict[str, np.ndarray]:
         told = self._grips.tell()
         return told | {f"_{name}": np.ones(self.num_envs, bool) for name in told}
+
+
+def _systems(given: Sequence[str | System], others: dict[str, Any]) -> tuple[GripConfig, list[System]]:
+    """The configuration, and the systems: those given, or those of the names given."""
+    if not given:
+        raise InputError("grip, system: expected at least one, got none")
+    return settings(others), [one if isinstance(one, System) else nominal_system(one) for one in given]
 
 
 def _render_mode(mode: str | None) -> str | None:

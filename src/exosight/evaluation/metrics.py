@@ -1,4 +1,4 @@
-"""How far estimated contact forces are from the true ones: RMSE, RMS% of range and Pearson's r."""
+"""How far estimated sensors are from the true ones: RMSE, RMS% of range and Pearson's r."""
 
 import math
 from collections.abc import Sequence
@@ -8,30 +8,30 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.errors import InputError
-from exosight.learning.samples import CONTACTS
-
-NET_FORCE = "F_net"
+from exosight.evaluation.naming import sums, with_sums
+from exosight.system.schema import Schema
 
 
 @dataclass(frozen=True)
-class ContactMetrics:
-    """Agreement of one estimated force with the true one; NaN marks a quantity that is undefined.
+class SensorMetrics:
+    """Agreement of one estimated sensor with the true one; NaN marks a quantity that is undefined.
 
-    Where the true force never varies there is no range and no correlation: `rms_percent` and `r` are NaN.
+    Where the true value never varies there is no range and no correlation: `rms_percent` and `r` are NaN.
     Where only the estimate never varies, `r` alone is NaN.
     """
 
     name: str
+    unit: str
     rmse: float
-    """Root mean square error [N]."""
+    """Root mean square error [unit]."""
     rms_percent: float
-    """RMSE as a share of the range of the true force [%], or NaN."""
+    """RMSE as a share of the range of the true value [%], or NaN."""
     r: float
     """Pearson's correlation [-], or NaN."""
     largest_true: float
-    """Largest true force [N]."""
+    """Largest true value [unit]."""
     largest_estimated: float
-    """Largest estimated force [N]."""
+    """Largest estimated value [unit]."""
 
 
 @dataclass(frozen=True)
@@ -46,75 +46,49 @@ class Spread:
 
 @dataclass(frozen=True)
 class Scores:
-    """Metrics of C1…C7 and of their sum F_net over one set of frames."""
+    """Metrics of the estimated sensors of a schema, and of their sums, over one set of frames."""
 
+    schema: Schema
     frames: int
-    contacts: tuple[ContactMetrics, ...]
-    net: ContactMetrics
+    outputs: tuple[SensorMetrics, ...]
+    sums: tuple[SensorMetrics, ...]
 
     @property
     def rmse(self) -> Spread:
-        """Mean RMSE of the contacts [N]."""
-        return spread([contact.rmse for contact in self.contacts])
+        """Mean RMSE of the estimated sensors [their unit]; undefined where their units differ."""
+        one_unit = len({output.unit for output in self.outputs}) == 1
+        return spread([output.rmse for output in self.outputs] if one_unit else [])
 
     @property
     def rms_percent(self) -> Spread:
-        """Mean RMS% of the contacts [%], without those whose true force never varies."""
-        return spread([contact.rms_percent for contact in self.contacts])
+        """Mean RMS% of the estimated sensors [%], without those whose true value never varies."""
+        return spread([output.rms_percent for output in self.outputs])
 
     @property
     def r(self) -> Spread:
-        """Mean Pearson correlation of the contacts [-], without those where it is undefined."""
-        return spread([contact.r for contact in self.contacts])
-
-    def to_rows(self) -> list[dict[str, str | int | float | None]]:
-        """Return one flat record a contact, then F_net, mean, SD and count; undefined numbers are None."""
-        rows: list[dict[str, str | int | float | None]] = []
-        for item in (*self.contacts, self.net):
-            rows.append(
-                {
-                    "contact": item.name,
-                    "rmse_N": finite_or_none(item.rmse),
-                    "rms_percent": finite_or_none(item.rms_percent),
-                    "r": finite_or_none(item.r),
-                    "largest_true_N": finite_or_none(item.largest_true),
-                    "largest_estimated_N": finite_or_none(item.largest_estimated),
-                }
-            )
-        for label, part in (("mean", "mean"), ("SD", "sd"), ("count", "count")):
-            rows.append(
-                {
-                    "contact": label,
-                    "rmse_N": finite_or_none(getattr(self.rmse, part)),
-                    "rms_percent": finite_or_none(getattr(self.rms_percent, part)),
-                    "r": finite_or_none(getattr(self.r, part)),
-                    "largest_true_N": None,
-                    "largest_estimated_N": None,
-                }
-            )
-        return rows
+        """Mean Pearson correlation of the estimated sensors [-], without those where it is undefined."""
+        return spread([output.r for output in self.outputs])
 
 
-def score(true: Float[np.ndarray, "..."], estimated: Float[np.ndarray, "..."]) -> Scores:
-    """Compare estimated with true forces: RMSE, RMSE / range(true) and Pearson's r (paper, section II-F).
+def score(schema: Schema, true: Float[np.ndarray, "..."], estimated: Float[np.ndarray, "..."]) -> Scores:
+    """Compare estimated with true sensors: RMSE, RMSE / range(true) and Pearson's r (paper, section II-F).
 
-    true       (frames, 7)   true magnitudes of f_C1…f_C7 [N]
-    estimated  (frames, 7)   the estimator's answer for the same frames [N]
+    true       (frames, outputs)   what the estimated sensors of the schema read [their units]
+    estimated  (frames, outputs)   the estimator's answer for the same frames [their units]
 
     Raises InputError for another shape, no frames, or a number that is not finite.
     """
-    true = _checked("true", true)
-    estimated = _checked("estimated", estimated)
+    true, estimated = _checked("true", schema, true), _checked("estimated", schema, estimated)
     if len(true) != len(estimated):
         raise InputError(
-            f"forces: expected as many estimated as true frames, got {len(estimated)} and {len(true)}; "
+            f"scores: expected as many estimated as true frames, got {len(estimated)} and {len(true)}; "
             "pass the estimates of these very frames"
         )
-    return Scores(
-        frames=len(true),
-        contacts=tuple(_compare(name, true[:, i], estimated[:, i]) for i, name in enumerate(CONTACTS)),
-        net=_compare(NET_FORCE, true.sum(axis=1), estimated.sum(axis=1)),
-    )
+    names = (*schema.outputs, *sums(schema))
+    columns = zip(names, with_sums(schema, true).T, with_sums(schema, estimated).T, strict=True)
+    found = tuple(_compare(name, schema.sensor(name).unit, t, e) for name, t, e in columns)
+    count = len(schema.outputs)
+    return Scores(schema, len(true), found[:count], found[count:])
 
 
 def spread(values: Sequence[float]) -> Spread:
@@ -133,11 +107,14 @@ def finite_or_none(value: float | int) -> float | int | None:
     return value if math.isfinite(value) else None
 
 
-def _compare(name: str, true: Float[np.ndarray, " n"], estimated: Float[np.ndarray, " n"]) -> ContactMetrics:
+def _compare(
+    name: str, unit: str, true: Float[np.ndarray, " n"], estimated: Float[np.ndarray, " n"]
+) -> SensorMetrics:
     rmse = float(np.sqrt(np.mean((estimated - true) ** 2)))
     true_range = float(np.ptp(true))
-    return ContactMetrics(
+    return SensorMetrics(
         name=name,
+        unit=unit,
         rmse=rmse,
         rms_percent=100 * rmse / true_range if true_range > 0 else math.nan,
         r=_pearson(true, estimated),
@@ -156,16 +133,19 @@ def _pearson(a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]) -> float:
     return float(np.clip(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)), -1, 1))
 
 
-def _checked(name: str, forces: Float[np.ndarray, "..."]) -> Float[np.ndarray, "frames 7"]:
-    if forces.ndim != 2 or forces.shape[1] != len(CONTACTS) or len(forces) == 0:
+def _checked(
+    name: str, schema: Schema, values: Float[np.ndarray, "..."]
+) -> Float[np.ndarray, "frames outputs"]:
+    outputs = schema.outputs
+    if values.ndim != 2 or values.shape[1] != len(outputs) or len(values) == 0:
         raise InputError(
-            f"{name} forces: expected shape (frames, 7) with at least one frame, got {forces.shape}; "
-            "pass one column for each of C1…C7, without C0"
+            f"{name} values: expected shape (frames, {len(outputs)}) with at least one frame, got "
+            f"{values.shape}; pass one column for each of {', '.join(outputs)}"
         )
-    if not np.isfinite(forces).all():
-        frame = int(np.nonzero(~np.isfinite(forces).all(axis=1))[0][0])
+    if not np.isfinite(values).all():
+        frame = int(np.nonzero(~np.isfinite(values).all(axis=1))[0][0])
         raise InputError(
-            f"{name} forces: expected finite numbers, got {forces[frame].tolist()} in frame {frame}; "
+            f"{name} values: expected finite numbers, got {values[frame].tolist()} in frame {frame}; "
             "drop frames without a label and check the estimator"
         )
-    return forces.astype(np.float64)
+    return values.astype(np.float64)

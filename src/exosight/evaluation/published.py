@@ -6,20 +6,27 @@ Forces using Vision for a Soft Finger Exosuit": Tables 3 and 4, and the text of 
 
 from dataclasses import dataclass
 
-from exosight.evaluation.metrics import ContactMetrics, Spread
+from exosight.evaluation.metrics import SensorMetrics, Spread
+from exosight.system.schema import Schema
 
 SOURCE = "Refai et al., Learning User Interaction Forces using Vision for a Soft Finger Exosuit"
 
 CONTACTS_PUBLISHED = (
-    ContactMetrics("C1", rmse=0.02, rms_percent=0.91, r=0.92, largest_true=2.41, largest_estimated=0.69),
-    ContactMetrics("C2", rmse=0.01, rms_percent=0.64, r=0.99, largest_true=1.40, largest_estimated=1.43),
-    ContactMetrics("C3", rmse=0.06, rms_percent=1.60, r=0.92, largest_true=3.70, largest_estimated=1.07),
-    ContactMetrics("C4", rmse=0.07, rms_percent=2.64, r=0.82, largest_true=2.69, largest_estimated=0.95),
-    ContactMetrics("C5", rmse=0.06, rms_percent=3.89, r=0.78, largest_true=1.67, largest_estimated=0.94),
-    ContactMetrics("C6", rmse=0.07, rms_percent=3.85, r=0.51, largest_true=1.74, largest_estimated=0.28),
-    ContactMetrics("C7", rmse=0.01, rms_percent=5.30, r=0.93, largest_true=0.17, largest_estimated=0.11),
+    SensorMetrics("C1", "N", rmse=0.02, rms_percent=0.91, r=0.92, largest_true=2.41, largest_estimated=0.69),
+    SensorMetrics("C2", "N", rmse=0.01, rms_percent=0.64, r=0.99, largest_true=1.40, largest_estimated=1.43),
+    SensorMetrics("C3", "N", rmse=0.06, rms_percent=1.60, r=0.92, largest_true=3.70, largest_estimated=1.07),
+    SensorMetrics("C4", "N", rmse=0.07, rms_percent=2.64, r=0.82, largest_true=2.69, largest_estimated=0.95),
+    SensorMetrics("C5", "N", rmse=0.06, rms_percent=3.89, r=0.78, largest_true=1.67, largest_estimated=0.94),
+    SensorMetrics("C6", "N", rmse=0.07, rms_percent=3.85, r=0.51, largest_true=1.74, largest_estimated=0.28),
+    SensorMetrics("C7", "N", rmse=0.01, rms_percent=5.30, r=0.93, largest_true=0.17, largest_estimated=0.11),
 )
 """Table 3 (RMSE [N], RMS% [%], r [-]) and the largest forces [N] of the text; split by frame."""
+
+
+def is_published(schema: Schema) -> bool:
+    """Whether a system is the paper's, so that its results may stand beside the paper's."""
+    names = tuple(contact.name for contact in CONTACTS_PUBLISHED)
+    return schema.system == "published" and schema.outputs == names
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,13 @@
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from exosight.errors import InputError
 from exosight.evaluation.metrics import Scores, Spread, finite_or_none
-from exosight.evaluation.published import CONTACTS_PUBLISHED, ROBUSTNESS_PUBLISHED, PublishedCase
+from exosight.evaluation.naming import common_unit, kind, row_name, span
+from exosight.evaluation.published import CONTACTS_PUBLISHED, ROBUSTNESS_PUBLISHED, is_published
+from exosight.system.schema import Schema
 
 Cell = str | int | float | Spread | None
 """None and NaN mean "there is no such number" and are shown as a dash."""
@@ -100,43 +103,53 @@ def count_text(count: int) -> str:
     return f"{count:,}".replace(",", _THOUSANDS).replace("-", "−")
 
 
-def contact_table(name: str, caption: str, scores: Scores) -> Table:
-    """Return RMSE, RMS% and r of C1…C7 beside the paper's Table 3."""
+def sensor_table(name: str, caption: str, scores: Scores) -> Table:
+    """Return RMSE, RMS% and r of every output and sum; of the published system beside the paper's Table 3."""
+    schema = scores.schema
+    paper = CONTACTS_PUBLISHED if is_published(schema) else (None,) * len(scores.outputs)
     rows: list[tuple[Cell, ...]] = [
-        (ours.name, ours.rmse, paper.rmse, ours.rms_percent, paper.rms_percent, ours.r, paper.r)
-        for ours, paper in zip(scores.contacts, CONTACTS_PUBLISHED, strict=True)
+        (row_name(schema, ours.name), *_beside(scores, ours, other))
+        for ours, other in zip(scores.outputs, paper, strict=True)
     ]
-    rows.append(
-        ("mean\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}SD", *_beside(scores, ROBUSTNESS_PUBLISHED["clean"]))
-    )
-    net = scores.net
-    rows.append((net.name, net.rmse, None, net.rms_percent, None, net.r, None))
+    rows.append(("mean\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}SD", *means(scores, "clean")))
+    rows += [(row_name(schema, total.name), *_beside(scores, total, None)) for total in scores.sums]
     note = (
-        f"{count_text(scores.frames)} frames. RMS% is the RMSE over the range of the true force. "
-        "The means are over C1…C7; F_net is the sum of the seven."
+        f"{count_text(scores.frames)} frames. RMS% is the RMSE over the range of the true value. "
+        f"The means are over {span(schema.outputs)}."
     )
-    left_out = len(scores.contacts) - scores.r.count
-    if left_out:
+    note += "".join(
+        f" {total.name} is the sum of {span(schema.sensor(total.name).parts)}." for total in scores.sums
+    )
+    count = len(scores.outputs)
+    if scores.r.count < count:
         note += (
-            " A dash is an undefined number (a force that never varies has no correlation): "
-            f"{left_out} of 7 contacts are left out of the mean r, "
-            f"{len(scores.contacts) - scores.rms_percent.count} out of the mean RMS%."
+            " A dash is an undefined number (a value that never varies has no correlation): "
+            f"{count - scores.r.count} of {count} {kind(schema)}s are left out of the mean r, "
+            f"{count - scores.rms_percent.count} out of the mean RMS%."
         )
-    return Table(name, caption, (Column("contact"), *_metric_columns()), tuple(rows), note)
+    if not common_unit(schema):
+        note += " Errors in different units have no mean."
+    return Table(name, caption, (Column(kind(schema)), *metric_columns(schema)), tuple(rows), note)
 
 
 def largest_table(name: str, caption: str, scores: Scores) -> Table:
-    """Return the largest true and estimated force of C1…C7 beside those that the paper names."""
+    """Return the largest true and estimated value of each output, beside those that the paper names."""
+    schema = scores.schema
+    paper = CONTACTS_PUBLISHED if is_published(schema) else ()
     rows = tuple(
         (
-            *(ours.name, ours.largest_true, ours.largest_estimated),
-            *(paper.largest_true, paper.largest_estimated),
+            *(row_name(schema, ours.name), ours.largest_true, ours.largest_estimated),
+            *((paper[i].largest_true, paper[i].largest_estimated) if paper else ()),
         )
-        for ours, paper in zip(scores.contacts, CONTACTS_PUBLISHED, strict=True)
+        for i, ours in enumerate(scores.outputs)
     )
     columns = (
-        Column("contact"),
-        *(Column(kind, "N", who, 2) for who in (OURS, PAPER) for kind in ("true", "estimated")),
+        Column(kind(schema)),
+        *(
+            Column(of, common_unit(schema), who, 2)
+            for who in (OURS, *((PAPER,) if paper else ()))
+            for of in ("true", "estimated")
+        ),
     )
     return Table(name, caption, columns, rows)
 
@@ -144,33 +157,44 @@ def largest_table(name: str, caption: str, scores: Scores) -> Table:
 def mean_table(
     name: str, caption: str, cases: Mapping[str, Scores], first: str = "split", note: str = ""
 ) -> Table:
-    """Return mean ± SD over C1…C7 of several evaluations, each beside the paper's result on clean images.
+    """Return mean ± SD over the outputs of several evaluations; of the published system beside the paper's.
 
-    cases  what was evaluated → its scores; the names fill the first column, which is headed `first`
+    cases  what was evaluated → its scores, all of one system; the names fill the first column, headed `first`
     """
-    paper = ROBUSTNESS_PUBLISHED["clean"]
-    rows = tuple((case, *_beside(scores, paper)) for case, scores in cases.items())
-    return Table(name, caption, (Column(first), *_metric_columns()), rows, note)
+    rows = tuple((case, *means(scores, "clean")) for case, scores in cases.items())
+    return Table(name, caption, (Column(first), *metric_columns(_schema(cases))), rows, note)
 
 
 def robustness_table(name: str, caption: str, cases: Mapping[str, Scores]) -> Table:
-    """Return mean ± SD over C1…C7 for clean and degraded images beside the paper's Table 4."""
-    rows = tuple(
-        (case.replace("-", ", "), *_beside(scores, ROBUSTNESS_PUBLISHED[case]))
-        for case, scores in cases.items()
-    )
-    return Table(name, caption, (Column("images"), *_metric_columns()), rows)
+    """Return mean ± SD over the outputs for clean and degraded images, beside the paper's Table 4."""
+    rows = tuple((case.replace("-", ", "), *means(scores, case)) for case, scores in cases.items())
+    return Table(name, caption, (Column("images"), *metric_columns(_schema(cases))), rows)
 
 
-def _metric_columns() -> tuple[Column, ...]:
+def metric_columns(schema: Schema) -> tuple[Column, ...]:
+    """RMSE, RMS% and r; of the published system each beside the paper's."""
     # The paper prints two decimals; here r differs in the third, and RMSE in tenths of a millinewton.
-    metrics = (("RMSE", "N", 4), ("RMS%", "%", 2), ("r", "", 3))
+    metrics = (("RMSE", common_unit(schema), 4), ("RMS%", "%", 2), ("r", "", 3))
     return tuple(
         Column(who, unit, metric, digits if who == OURS else 2)
         for metric, unit, digits in metrics
-        for who in (OURS, PAPER)
+        for who in ((OURS, PAPER) if is_published(schema) else (OURS,))
     )
 
 
-def _beside(scores: Scores, paper: PublishedCase) -> tuple[Cell, ...]:
-    return (scores.rmse, paper.rmse, scores.rms_percent, paper.rms_percent, scores.r, paper.r)
+def means(scores: Scores, case: str) -> tuple[Cell, ...]:
+    """Cells of `metric_columns`: mean ± SD over the outputs on images of one of the paper's cases."""
+    return _beside(scores, scores, ROBUSTNESS_PUBLISHED[case])
+
+
+def _beside(scores: Scores, ours: Any, paper: Any) -> tuple[Cell, ...]:
+    """RMSE, RMS% and r of ours; where the system is the paper's, each followed by the paper's or a dash."""
+    return tuple(
+        getattr(each, metric, None)
+        for metric in ("rmse", "rms_percent", "r")
+        for each in ((ours, paper) if is_published(scores.schema) else (ours,))
+    )
+
+
+def _schema(cases: Mapping[str, Scores]) -> Schema:
+    return next(iter(cases.values())).schema

@@ -193,6 +193,11 @@ class Pose(eqx.Module):
     finger: Float[AnyArray, "*batch nodes 3"]
     tip_angle: Float[AnyArray, "*batch"]
 
+    @property
+    def axes(self) -> dict[str, Float[AnyArray, "*batch nodes 3"]]:
+        """Axes of the tubes of `exosight.exosuit.published`, by their names [m]."""
+        return {"finger": self.finger, "exosuit": self.centreline}
+
 
 @eqx.filter_jit
 def observe(robots: Robot, q: Float[AnyArray, "robots loads dofs"]) -> Pose:

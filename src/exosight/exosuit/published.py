@@ -1,17 +1,23 @@
 """The published system: a soft exosuit clamped above a finger, as the paper describes it."""
 
-from dataclasses import replace
-from functools import cached_property
+from collections.abc import Hashable
+from dataclasses import fields, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from jaxtyping import Bool
 
 from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.exosuit.assembly import MAX_FORCE, ROD, Exosuit, assemble, varied
-from exosight.exosuit.scenarios import SCENARIOS, SampledShape, sample_shapes
+from exosight.exosuit.scenarios import SCENARIOS, geometry, sample_shapes
 from exosight.exosuit.shapes import FAMILIES, TABLE_I, ExosuitShape, shape_from_dict, shape_to_dict
-from exosight.exosuit.variation import PlantVariation, draw_variant
+from exosight.exosuit.variation import PlantVariation, Variant, draw_variant
 from exosight.mechanics import PressureLine, SphereContact
 from exosight.system.camera import Camera
-from exosight.system.designs import Design
+from exosight.system.design import Design
+from exosight.system.designs import Filter
+from exosight.system.observation import Observation
 from exosight.system.schema import Channel, Schema, SensorSpec
 from exosight.system.sensors import ContactForce, JointAngle, NetForce
 from exosight.system.surfaces import SphereSurface, TubeSurface
@@ -20,7 +26,10 @@ from exosight.system.system import Actuator, Contact, System
 NAME = "published"
 COMMAND_LIMIT = 6.0
 """Largest |u| that controllers ask for and plants take [N]; not printed in the paper."""
-FINGER_SHADE, EXOSUIT_SHADE = 0.72, 0.25
+FINGER_SHADE = 0.70
+"""Mid gray: apart from the background (0.92) and from the exosuit by equal steps of about 0.3."""
+EXOSUIT_SHADE = 0.35
+"""Dark gray: the body whose bending carries most of the information stands out most."""
 CHANNEL = Channel("u", "N", -COMMAND_LIMIT, COMMAND_LIMIT, drive=MAX_FORCE)
 NOMINAL_CAMERA = Camera()
 NOMINAL = Exosuit()
@@ -74,6 +83,16 @@ def published(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINA
     )
 
 
+def tip_below_finger(seen: Observation) -> Bool[np.ndarray, "*batch"]:
+    """Where the exosuit's tip lies below the fingertip: it has slipped off, or wrapped around it."""
+    exosuit, finger = np.asarray(seen.axes["exosuit"]), np.asarray(seen.axes["finger"])
+    return exosuit[..., -1, 2] < finger[..., -1, 2]
+
+
+FILTERS: dict[str, Filter] = {"tip_below_finger": tip_below_finger}
+"""What the published dataset leaves out beside what every dataset does."""
+
+
 class PublishedDesigns:
     """The eleven published scenarios of exosuit shapes, with what may vary in finger, material and mount.
 
@@ -85,6 +104,7 @@ class PublishedDesigns:
     name = NAME
     families = tuple(FAMILIES)
     scenarios = tuple(scenario.name for scenario in SCENARIOS)
+    filters = FILTERS
 
     def __init__(
         self,
@@ -105,23 +125,54 @@ class PublishedDesigns:
 
     def draw(self, per_scenario: int, seed: int) -> tuple[Design, ...]:
         """Distinct shapes of each scenario, see `sample_shapes`; the rest depends on seed and number."""
-        return tuple(self._design(sampled, seed) for sampled in sample_shapes(per_scenario, seed))
+        return _drawn(per_scenario, seed)
 
     def exosuit(self, design: Design) -> Exosuit:
         """The worn exosuit of a design."""
-        values = dict(design.parameters)
-        seed = values.pop("seed", None)
-        if not isinstance(seed, int):
-            raise InputError(f"design {design.number}: expected the seed that it was drawn by, got {seed!r}")
-        worn = replace(self.nominal, shape=shape_from_dict(values))
-        return varied(worn, draw_variant(self.variation, seed, design.number))
+        return varied(replace(self.nominal, shape=_shape(design)), self._variant(design))
 
     def build(self, design: Design) -> System:
         """The system of a design; InputError for parameters that are no shape's."""
         return published(self.exosuit(design), self.camera)
 
-    def _design(self, sampled: SampledShape, seed: int) -> Design:
-        family = self.families.index(sampled.shape.surface.family)
-        return Design(
-            sampled.shape_id, family, sampled.scenario, {**shape_to_dict(sampled.shape), "seed": seed}
+    def numbers(self, design: Design) -> dict[str, float]:
+        """The fields of the design's `Variant`, of several numbers with their places; none if none vary."""
+        if self.variation == PlantVariation():
+            return {}
+        numbers: dict[str, float] = {}
+        variant = self._variant(design)
+        for field in fields(Variant):
+            value = getattr(variant, field.name)
+            if isinstance(value, tuple):
+                numbers |= {f"{field.name}_{k}": part for k, part in enumerate(value)}
+            else:
+                numbers[field.name] = value
+        return numbers
+
+    def key(self, design: Design) -> Hashable:
+        """Length and radii, see `geometry`."""
+        return geometry(_shape(design))
+
+    def _variant(self, design: Design) -> Variant:
+        seed = design.parameters.get("seed")
+        if not isinstance(seed, int):
+            raise InputError(f"design {design.number}: expected the seed that it was drawn by, got {seed!r}")
+        return draw_variant(self.variation, seed, design.number)
+
+
+@lru_cache(maxsize=2)
+def _drawn(per_scenario: int, seed: int) -> tuple[Design, ...]:
+    """The designs of a dataset; a process makes many chunks of the same."""
+    return tuple(
+        Design(
+            sampled.shape_id,
+            list(FAMILIES).index(sampled.shape.surface.family),
+            sampled.scenario,
+            {**shape_to_dict(sampled.shape), "seed": seed},
         )
+        for sampled in sample_shapes(per_scenario, seed)
+    )
+
+
+def _shape(design: Design) -> ExosuitShape:
+    return shape_from_dict({name: value for name, value in design.parameters.items() if name != "seed"})

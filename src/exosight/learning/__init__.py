@@ -1,4 +1,4 @@
-"""Learning: networks that read the contact forces off an image, their training, checkpoints and ONNX files.
+"""Learning: networks that estimate sensors from an image, their training, checkpoints and ONNX files.
 
 PyTorch is needed for the names below that train or export, and is imported only when one of them is used.
 """
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from exosight.errors import InputError
 from exosight.learning.config import TrainConfig
 from exosight.learning.history import EpochRecord, read_history
+from exosight.learning.training_data import FrameBlock, TrainingData
 
 if TYPE_CHECKING:
     from exosight.learning.checkpoint import load_model
@@ -23,10 +24,12 @@ os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 __all__ = [
     "EpochRecord",
+    "FrameBlock",
     "Pretrained",
     "Progress",
     "TrainConfig",
     "TrainResult",
+    "TrainingData",
     "export_onnx",
     "load_model",
     "load_pretrained",

@@ -22,12 +22,13 @@ from exosight.errors import DataError, InputError
 from exosight.files import replace_file
 from exosight.learning.config import LONGEST_HISTORY, Settings
 from exosight.learning.history import EpochRecord
-from exosight.learning.networks import ForceModel, ImageSize, Network, build_network
-from exosight.learning.samples import CONTACTS
+from exosight.learning.networks import Network, SensorModel, build_network
+from exosight.learning.outputs import nonnegative
+from exosight.system.schema import Schema
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 MOMENTS = ("exp_avg", "exp_avg_sq")
-_FORMAT = 2
+_FORMAT = 3
 
 
 @dataclass(frozen=True)
@@ -38,18 +39,19 @@ class RunIdentity:
     data_identity: dict[str, str | int | float]
     fingerprint: str
     """SHA-256 of what it learns from and which frames choose its best epoch"""
-    image_size: ImageSize
-    force_scale: tuple[float, ...]
-    """newtons that one unit of the network's output stands for, C1…C7"""
+    schema: Schema
+    """of the system: its estimated sensors are the outputs, its first camera gives the image size"""
+    output_scale: tuple[float, ...]
+    """what one unit of each output stands for [the sensor's unit]"""
     auxiliary_scale: tuple[float, ...]
-    """what one unit of its auxiliary outputs stands for"""
+    """what one unit of each auxiliary output stands for"""
 
     def build_network(self) -> Network:
         """The network with its first weights."""
         settings = self.settings
         return build_network(
             settings.network,
-            self.image_size,
+            self.schema,
             len(self.auxiliary_scale),
             settings.seed,
             settings.history,
@@ -68,7 +70,7 @@ class Position:
     step: int = 0
     """steps since the start"""
     loss_sum: float = 0.0
-    """sum of the force losses of the epoch's images so far"""
+    """sum of the output losses of the epoch's images so far"""
     seconds: float = 0.0
     """time spent training [s]"""
     best_epoch: int = 0
@@ -145,21 +147,20 @@ def load_checkpoint(source: Path) -> Checkpoint:
         ) from error
     if digest != _digest(written, tensors):
         raise DataError(f"{path}: damaged, its checksum does not fit its contents; train again or use a copy")
+    _check_format(path, written)
     try:
         header = _HEADER.validate_json(written)
     except pydantic.ValidationError as error:
         raise DataError(
             f"{path}: written by another version of exosight ({_first(error)}); use that one"
         ) from error
-    if header.format != _FORMAT:
-        raise DataError(f"{path}: checkpoint format {header.format}, this exosight reads {_FORMAT}")
     checkpoint = Checkpoint(header.run, header.position, header.history, header.versions, tensors)
     if problem := _contradiction(checkpoint):
         raise DataError(f"{path}: contradicts itself: {problem}; train again or use a copy")
     return checkpoint
 
 
-def load_model(source: Path) -> ForceModel:
+def load_model(source: Path) -> SensorModel:
     """Rebuild the best network of a run, ready to use on the CPU.
 
     Raises DataError as `load_checkpoint` does, and if the run has not been validated yet.
@@ -170,7 +171,8 @@ def load_model(source: Path) -> ForceModel:
     run = checkpoint.run
     network = run.build_network()
     network.load_state_dict(_part(checkpoint.tensors, "best."))
-    return ForceModel(network, torch.tensor(run.force_scale, dtype=torch.float32)).eval()
+    scale = torch.tensor(run.output_scale, dtype=torch.float32)
+    return SensorModel(network, scale, nonnegative(run.schema)).eval()
 
 
 def collect_tensors(
@@ -207,6 +209,19 @@ def restore_tensors(
             state["step"].fill_(checkpoint.position.step)
 
 
+def _check_format(path: Path, written: str) -> None:
+    """Raise DataError that says how to make the run again, unless the header is of this format."""
+    try:
+        found = json.loads(written)["format"]
+    except (ValueError, KeyError, TypeError):
+        return  # what is wrong is said where the header is read
+    if found != _FORMAT:
+        raise DataError(
+            f"{path}: checkpoint format {found}, this exosight reads {_FORMAT}; train again with exosight "
+            "train, in a new folder, or use the exosight that wrote it"
+        )
+
+
 def _digest(header: str, tensors: Mapping[str, Tensor]) -> str:
     digest = hashlib.sha256(header.encode())
     for name in sorted(tensors):
@@ -219,8 +234,12 @@ def _digest(header: str, tensors: Mapping[str, Tensor]) -> str:
 def _contradiction(checkpoint: Checkpoint) -> str | None:
     """Say where the header and the tensors, or the header and itself, disagree; None where they do not."""
     run, position, history = checkpoint.run, checkpoint.position, checkpoint.history
-    if len(run.force_scale) != len(CONTACTS) or not all(0 < x < math.inf for x in run.force_scale):
-        return f"force_scale is {run.force_scale}"
+    if not run.schema.outputs:
+        return "its system has no sensor to estimate"
+    if len(run.output_scale) != len(run.schema.outputs) or not all(
+        0 < x < math.inf for x in run.output_scale
+    ):
+        return f"output_scale is {run.output_scale}"
     if len(run.auxiliary_scale) > 1000 or not all(0 < x < math.inf for x in run.auxiliary_scale):
         return f"auxiliary_scale is {run.auxiliary_scale[:3]}, …"
     if not 0 <= run.settings.history <= LONGEST_HISTORY:

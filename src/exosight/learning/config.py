@@ -42,9 +42,9 @@ class TrainConfig:
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
     """decides the first weights and the order of the images"""
     history: Annotated[int, Field(ge=0, le=LONGEST_HISTORY)] = 0
-    """earlier images of the same exosuit that the light network sees beside the one it reads"""
+    """earlier images of the same system that are inputs of the light network beside the one it reads"""
     actuation: bool = False
-    """whether the light network is told the actuation u [N] as well"""
+    """whether the commands of all channels are an input of the light network as well"""
     threads: Annotated[int, Field(ge=1, le=1024)] | None = None
     """CPU threads; default: one a core. Another count rounds differently in the last digit"""
     device: Literal["auto", "cpu", "cuda"] = "auto"
@@ -66,10 +66,9 @@ class Settings:
     threads: int
     device: Literal["cpu", "cuda"]
     precision: Precision
-    # Last, and with defaults: checkpoints of runs that were begun without them are read as well.
-    history: int = 0
-    actuation: bool = False
-    pretrained: str = ""
+    history: int
+    actuation: bool
+    pretrained: str
     """SHA-256 of the network that it started from; empty where the first weights were random"""
 
 
@@ -86,11 +85,11 @@ def resolve(
     local_size          processes that share the cores of this machine, itself included
     pretrained          SHA-256 of the network to start from, if there is one
 
-    Raises InputError if the paper's network is to see more than the image.
+    Raises InputError if the paper's network is to have more inputs than the image.
     """
     if config.network == "paper" and (config.history or config.actuation):
         raise InputError(
-            "the paper network sees one image and nothing else, got "
+            "the paper network has one image as its input and nothing else, got "
             f"history {config.history} and actuation {config.actuation}; use the light one"
         )
     recipe = config.recipe or _RECIPE_OF_NETWORK[config.network]

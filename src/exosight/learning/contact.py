@@ -2,7 +2,7 @@
 
 Frames of rarely loaded contacts come more often in training, so a network takes them for likelier than they
 are. A shift of each contact's log odds sets that right: on frames that took no part in training, as many are
-then said to touch, probabilities added up, as do.
+then said to touch, probabilities added up, as do. Only forces have such a probability.
 """
 
 import numpy as np
@@ -13,8 +13,8 @@ _LARGEST = 20.0
 
 
 def contact_shift(
-    probability: Float[np.ndarray, "frames 7"], touching: Bool[np.ndarray, "frames 7"]
-) -> Float[np.ndarray, "7"]:
+    probability: Float[np.ndarray, "frames forces"], touching: Bool[np.ndarray, "frames forces"]
+) -> Float[np.ndarray, " forces"]:
     """What to add to each contact's log odds for the mean probability to be the share of frames that touch.
 
     probability   as the network tells it

@@ -22,9 +22,9 @@ from exosight.learning.contact import contact_shift
 from exosight.learning.intervals import Widths, calibrate_intervals
 from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, open_session, seal
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
-from exosight.learning.networks import CONTACT, FORCES, ForceModel, answers
+from exosight.learning.networks import SensorModel, answer_slices, answers
 from exosight.learning.ood import OodDetector, batches, fit_ood_detector
-from exosight.learning.samples import CONTACTS
+from exosight.learning.outputs import nonnegative
 
 # Operator set 18 with file format 8, both of ONNX 1.13 (2022): the oldest that PyTorch writes, so that
 # MATLAB's importNetworkFromONNX and other readers that lag behind can follow.
@@ -39,35 +39,37 @@ def export_onnx(
     source: Path,
     path: Path,
     images: UInt8[np.ndarray, "frames height width"],
-    forces: Float32[np.ndarray, "frames 7"],
+    labels: Float32[np.ndarray, "frames outputs"],
     inputs: ModelInputs = IMAGE_ONLY,
 ) -> ModelCard:
     """Write the best network of a run as an ONNX file, after checking it against ONNX Runtime.
 
-    Its input `image` is float32 (batch, 1, height, width) in [0, 1], its output `forces` float32 (batch, 7),
-    C1…C7 [N]. A network that sees earlier images has them as further channels, the newest first; one that is
-    told u has a second input `u`, float32 (batch,) [N].
+    Its input `image` is float32 (batch, 1, height, width) in [0, 1], its output `forces` float32 (batch,
+    outputs): the estimated sensors of the schema in its metadata, in their units. A network with earlier
+    images as inputs has them as further channels, the newest first; one with actuation has a second input
+    `commands`, float32 (batch, channels), in the channels' units.
 
     source   a run's folder, or its checkpoint
     images   frames that the run has not learned from, such as its validation part, and
-    forces   their true forces [N]: they set how wide the intervals around estimates are, and the probability
-             of contact
-    beside   what the network is shown beside these frames
+    labels   what their estimated sensors read: they set how wide the intervals around estimates are, and the
+             probability of contact
+    inputs   what the network has as inputs beside these frames
     returns  what the file's metadata say
 
-    Raises InputError if `path` exists or `beside` is not what the network is shown, DataError if the
+    Raises InputError if `path` exists or `inputs` are not the network's, DataError if the
     checkpoint cannot be used or the exported network answers otherwise than the trained one.
     """
     if path.exists():
         raise InputError(f"{path}: exists already; choose another name")
     checkpoint, model = load_checkpoint(source), load_model(source)
-    settings = checkpoint.run.settings
-    check_inputs(images, inputs, settings.history, settings.actuation)
-    seen = stacked(images, inputs), inputs.u
+    settings, schema = checkpoint.run.settings, checkpoint.run.schema
+    check_inputs(images, inputs, settings.history, schema.channels if settings.actuation else ())
+    seen = stacked(images, inputs), inputs.commands
     ood = fit_ood_detector(model, *seen)
     found, error, contact = _answers(model, *seen)
-    card = _card(checkpoint, calibrate_intervals(found, error, forces), ood.limit)
-    _shift_contact(model, contact_shift(contact, forces > 0))
+    forces = nonnegative(schema)
+    card = _card(checkpoint, calibrate_intervals(found, error, labels, forces), ood.limit)
+    _shift_contact(model, np.where(forces, contact_shift(contact, labels > 0), 0.0))
     proto = _convert(_Deployed(model, ood).eval(), card)
     _verify(proto, model, card)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -76,50 +78,48 @@ def export_onnx(
 
 
 class _Deployed(nn.Module):
-    """What goes into the file: the answers, and how unlike those learned from an image is."""
+    """What goes into the file: the answers, and the OOD score."""
 
-    def __init__(self, model: ForceModel, ood: OodDetector):
+    def __init__(self, model: SensorModel, ood: OodDetector):
         super().__init__()
         self.model, self.ood = model, ood
 
-    def forward(self, image: Tensor, u: Tensor | None = None) -> tuple[Tensor, ...]:
-        features = self.model.network.features(image, u)
+    def forward(self, image: Tensor, commands: Tensor | None = None) -> tuple[Tensor, ...]:
+        features = self.model.network.features(image, commands)
         return (*self.model.read(features), self.ood(image, features))
 
 
 def _answers(
-    model: ForceModel,
+    model: SensorModel,
     images: UInt8[np.ndarray, "frames stack height width"],
-    u: Float32[np.ndarray, " frames"] | None,
-) -> tuple[Float32[np.ndarray, "frames 7"], ...]:
-    """Forces and the errors to be expected of them [N], and the probability of contact."""
+    commands: Float32[np.ndarray, "frames channels"] | None,
+) -> tuple[Float32[np.ndarray, "frames outputs"], ...]:
+    """Values and the errors to be expected of them [their units], and the probability of contact."""
     with torch.inference_mode():
-        parts = [[answer.numpy() for answer in model(*part)] for part in batches(images, u)]
+        parts = [[answer.numpy() for answer in model(*part)] for part in batches(images, commands)]
     return tuple(np.concatenate(answer) for answer in zip(*parts, strict=True))
 
 
-def _shift_contact(model: ForceModel, shift: Float[np.ndarray, "7"]) -> None:
-    """Add to the log odds of contact that a network tells; the paper's tells none."""
-    last = model.network.last
-    if last.out_features > FORCES.stop:
+def _shift_contact(model: SensorModel, shift: Float[np.ndarray, " outputs"]) -> None:
+    """Add to the log odds of contact among a network's answers; the paper's has none."""
+    last, (_, _, contact) = model.network.last, answer_slices(model.network.outputs)
+    if last.out_features > model.network.outputs:
         with torch.no_grad():
-            last.bias[CONTACT] += torch.from_numpy(shift).float()
+            last.bias[contact] += torch.from_numpy(shift).float()
 
 
 def _card(checkpoint: Checkpoint, widths: Widths, ood_limit: float) -> ModelCard:
     run, best = checkpoint.run, checkpoint.history[checkpoint.position.best_epoch - 1]
     history, actuation = run.settings.history, run.settings.actuation
     order = ", the newest first" if history else ""
-    told = "; u: actuation [N], float32, (batch,)" if actuation else ""
+    names = ", ".join(f"{channel.name} [{channel.unit}]" for channel in run.schema.channels)
+    commands = f"; commands: {names}, float32, (batch, {len(run.schema.channels)})" if actuation else ""
     return ModelCard(
         exosight_version=exosight.__version__,
         network=run.settings.network,
         seed=run.settings.seed,
-        image_height=run.image_size[0],
-        image_width=run.image_size[1],
-        input=f"gray image, float32 in 0…1, (batch, {1 + history}, height, width){order}{told}",
-        contacts=CONTACTS,
-        unit="N",
+        schema=run.schema,
+        input=f"gray image, float32 in 0…1, (batch, {1 + history}, height, width){order}{commands}",
         epoch=best.epoch,
         validation_l1=best.validation_l1 or 0.0,
         training=asdict(run.settings),
@@ -154,7 +154,7 @@ def _convert(model: nn.Module, card: ModelCard) -> onnx.ModelProto:
         part.ClearField("metadata_props")
         part.ClearField("doc_string")
     clean = onnx.helper.make_graph(
-        graph.node, "forces_from_image", graph.input, graph.output, graph.initializer
+        graph.node, "sensors_from_image", graph.input, graph.output, graph.initializer
     )
     proto = onnx.helper.make_model(
         clean,
@@ -168,14 +168,14 @@ def _convert(model: nn.Module, card: ModelCard) -> onnx.ModelProto:
     return proto
 
 
-def _verify(proto: onnx.ModelProto, model: ForceModel, card: ModelCard) -> None:
+def _verify(proto: onnx.ModelProto, model: SensorModel, card: ModelCard) -> None:
     """Compare both networks on random images, before the limit at zero: behind it, wrong may look right."""
     unlimited = onnx.ModelProto()
     unlimited.CopyFrom(proto)
     nodes = unlimited.graph.node
     (limit,) = [node for node in nodes if "forces" in node.output]
-    if limit.op_type != "Relu":
-        raise DataError(f"the exported forces end in {limit.op_type}, not in the limit at zero")
+    if limit.op_type not in ("Relu", "Max"):
+        raise DataError(f"the exported values end in {limit.op_type}, not in the limit at zero")
     (before,) = [node for node in nodes if limit.input[0] in node.output]
     nodes.remove(limit)
     before.output[0] = "forces"
@@ -183,13 +183,13 @@ def _verify(proto: onnx.ModelProto, model: ForceModel, card: ModelCard) -> None:
 
     generator = np.random.default_rng(0)
     given = {
-        name: generator.random((8, *shape), dtype=np.float32)  # one newton is as good as any
+        name: generator.random((8, *shape), dtype=np.float32)  # one unit of a command is as good as any
         for name, shape in card.inputs.items()
     }
     given["image"] *= np.linspace(0, 1, 8, dtype=np.float32)[:, None, None, None]
     with torch.inference_mode():
         tensors = [torch.from_numpy(array) for array in given.values()]
-        raw = answers(model.network(*tensors)).forces * model.scale
+        raw = answers(model.network(*tensors), model.network.outputs).values * model.scale
         expected = [raw.numpy(), model(*tensors)[1].numpy()]
     found = session.run(["forces", "expected_error"], given)
     for mine, true in zip(found, expected, strict=True):
@@ -197,8 +197,8 @@ def _verify(proto: onnx.ModelProto, model: ForceModel, card: ModelCard) -> None:
         limit = _TOLERANCE * max(1.0, float(np.abs(true).max()))
         if not error <= limit:
             raise DataError(
-                f"the exported network differs from the trained one by {error:.1e} N, allowed are "
-                f"{limit:.1e} N; nothing was written"
+                f"the exported network differs from the trained one by {error:.1e}, allowed are "
+                f"{limit:.1e}; nothing was written"
             )
 
 

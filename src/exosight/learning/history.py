@@ -24,11 +24,11 @@ class EpochRecord:
     learning_rate: float
     """of the epoch's last step"""
     train_loss: float
-    """the recipe's loss of the forces [-], mean over the epoch while the weights moved"""
+    """the recipe's loss of the outputs [-], mean over the epoch while the weights moved"""
     validation_loss: float | None
     """the same measure on the validation part [-]"""
     validation_l1: float | None
-    """mean absolute error over C1…C7 on the validation part [N]"""
+    """mean absolute error over the outputs on the validation part [their unit]"""
     seconds: float
     """time spent training since the start [s]"""
 
@@ -38,7 +38,7 @@ class EpochRecord:
             "learning_rate": self.learning_rate,
             "loss/training": self.train_loss,
             "loss/validation": self.validation_loss,
-            "mean_error_in_N": self.validation_l1,
+            "mean_error": self.validation_l1,
         }
         return {name: value for name, value in found.items() if value is not None}
 

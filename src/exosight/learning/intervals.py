@@ -1,9 +1,9 @@
-"""Intervals around estimated forces that hold what they promise: split conformal prediction.
+"""Intervals around estimates that hold what they promise: split conformal prediction.
 
-Each contact's error, in units of the error that the network itself expects there, is sorted over frames that
+Each output's error, in units of the error that the network itself expects there, is sorted over frames that
 took no part in training; its quantile at a level is how many such units an interval of that level takes.
-Frames whose estimate is zero have quantiles of their own, or else the many that are right about no contact
-would make the intervals of the others too narrow.
+Frames whose estimate of a force is zero have quantiles of their own, or else the many that are right about no
+contact would make the intervals of the others too narrow.
 
 Source: Lei et al., Distribution-free predictive inference for regression, doi 10.1080/01621459.2017.1307116
 (locally weighted); groups as in Vovk et al., Mondrian confidence machine.
@@ -12,43 +12,52 @@ Source: Lei et al., Distribution-free predictive inference for regression, doi 1
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from exosight.errors import InputError
 
 LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
-"""Shares of frames whose true force an interval may be asked to hold."""
+"""Shares of frames whose true value an interval may be asked to hold."""
 
-Forces = Float[np.ndarray, "frames 7"]
+Values = Float[np.ndarray, "frames outputs"]
 
 
 @dataclass(frozen=True)
 class Widths:
-    """Half widths of intervals in units of the expected error, (levels, contacts)."""
+    """Half widths of intervals in units of the expected error, (levels, outputs)."""
 
     estimated_zero: tuple[tuple[float, ...], ...]
-    """where the estimate is zero"""
+    """where the estimate of a force is zero"""
     estimated_force: tuple[tuple[float, ...], ...]
     """where it is not"""
 
 
-def calibrate_intervals(forces: Forces, expected_error: Forces, truth: Forces) -> Widths:
+def calibrate_intervals(
+    values: Values, expected_error: Values, truth: Values, nonnegative: Bool[np.ndarray, " outputs"]
+) -> Widths:
     """The widths that held on frames not learned from, with the correction for how few these are.
 
-    forces, expected_error   a network's answers [N]
-    truth                    [N]
+    values, expected_error   a network's answers [the outputs' units]
+    truth                    likewise
+    nonnegative              which outputs are forces
     """
-    units = np.abs(forces - truth) / expected_error
-    groups = (forces == 0), (forces > 0)
-    zero, force = (
-        tuple(tuple(_quantile(units[g[:, i], i], level) for i in range(forces.shape[1])) for level in LEVELS)
-        for g in groups
+    units = np.abs(values - truth) / expected_error
+    zero = (values == 0) & nonnegative
+    widths = (
+        tuple(tuple(_quantile(units[g[:, i], i], level) for i in range(values.shape[1])) for level in LEVELS)
+        for g in (zero, ~zero)
     )
-    return Widths(zero, force)
+    return Widths(*widths)
 
 
-def interval(widths: Widths, level: float, forces: Forces, expected_error: Forces) -> tuple[Forces, Forces]:
-    """Lower and upper ends [N], never below zero.
+def interval(
+    widths: Widths,
+    level: float,
+    values: Values,
+    expected_error: Values,
+    nonnegative: Bool[np.ndarray, " outputs"],
+) -> tuple[Values, Values]:
+    """Lower and upper ends [the outputs' units], of forces never below zero.
 
     Raises InputError for a level that is none of LEVELS.
     """
@@ -57,8 +66,9 @@ def interval(widths: Widths, level: float, forces: Forces, expected_error: Force
     zero, force = (
         np.array(w[LEVELS.index(level)], np.float32) for w in (widths.estimated_zero, widths.estimated_force)
     )
-    half = np.where(forces > 0, force, zero) * expected_error
-    return np.maximum(forces - half, 0).astype(np.float32), (forces + half).astype(np.float32)
+    half = np.where((values == 0) & nonnegative, zero, force) * expected_error
+    low = np.maximum(values - half, np.where(nonnegative, np.float32(0), np.float32(-np.inf)))
+    return low.astype(np.float32), (values + half).astype(np.float32)
 
 
 def _quantile(units: Float[np.ndarray, " n"], level: float) -> float:

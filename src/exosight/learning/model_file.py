@@ -13,17 +13,18 @@ from typing import Annotated, Any
 
 import pydantic
 
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
 from exosight.learning.config import LONGEST_HISTORY
 from exosight.learning.intervals import Widths
+from exosight.system.schema import Channel, Schema, difference, schema_to_dict
 
 # ModelProto.metadata_props (field 14, 74 bytes) = {key (field 1): "sha256", value (field 2): 64 hex digits}
 _SEAL_START = b"\x72\x4a\x0a\x06sha256\x12\x40"
 
 
 OUTPUTS = ("forces", "expected_error", "contact", "ood_score")
-"""Of the network in the file: forces [N], the error to be expected of each [N], probability of contact; and
-one number an image, how unlike those learned from it is."""
+"""Of the network in the file: values of the estimated sensors [their units], the error to be expected of
+each, probability of contact; and one number an image, its OOD score."""
 
 
 @dataclass(frozen=True)
@@ -33,17 +34,13 @@ class ModelCard:
     exosight_version: str
     network: str
     seed: int
-    image_height: int
-    """[pixels]"""
-    image_width: int
-    """[pixels]"""
+    schema: Schema
+    """of the system: its estimated sensors are the outputs, its first camera gives the image size"""
     input: str
-    contacts: tuple[str, ...]
-    unit: str
     epoch: int
     """of the training, the one with the lowest validation loss"""
     validation_l1: float
-    """mean absolute error on the validation part [N]"""
+    """mean absolute error on the validation part [the outputs' unit]"""
     training: dict[str, str | int | float | bool]
     """the settings of the training run"""
     data: dict[str, str | int | float]
@@ -51,17 +48,44 @@ class ModelCard:
     widths: Widths
     """of the intervals around its estimates"""
     ood_limit: float
-    """score beyond which an image is unlike those that it was trained for"""
+    """score beyond which an image is out of distribution"""
     history: Annotated[int, pydantic.Field(ge=0, le=LONGEST_HISTORY)] = 0
-    """earlier images that it sees beside the one it reads, as further channels, the newest first"""
+    """earlier images that are inputs beside the one it reads, as further channels, the newest first"""
     actuation: bool = False
-    """whether it has a second input, u [N]"""
+    """whether it has a second input, the commands of all channels"""
+
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """(height, width) [pixels]."""
+        view = self.schema.cameras[0]
+        return view.height, view.width
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """Whose commands are an input."""
+        return self.schema.channels if self.actuation else ()
 
     @property
     def inputs(self) -> dict[str, list[int]]:
         """Inputs of the network by name, and their shape after the batch."""
-        image = {"image": [1 + self.history, self.image_height, self.image_width]}
-        return {**image, "u": []} if self.actuation else image
+        image = {"image": [1 + self.history, *self.image_size]}
+        return {**image, "commands": [len(self.channels)]} if self.actuation else image
+
+    def check_fits(self, schema: Schema, what: str) -> None:
+        """Raise InputError if the network does not fit a system, in one sentence that says how they differ.
+
+        Channels count where its inputs depend on them.
+
+        what   has the other schema: "dataset", "plant" …
+        """
+        parts = (
+            ("channels", "sensors", "cameras") if self.actuation or self.history else ("sensors", "cameras")
+        )
+        if fault := difference(self.schema, schema, parts):
+            raise InputError(
+                f"model: the {what} is of another system than the network: {fault}; "
+                f"choose another model, or train one for the system {schema.system}"
+            )
 
 
 _CARD = pydantic.TypeAdapter(ModelCard)
@@ -69,9 +93,8 @@ _CARD = pydantic.TypeAdapter(ModelCard)
 
 def card_to_metadata(card: ModelCard) -> dict[str, str]:
     """Spell a card as ONNX metadata: text as it is, everything else as JSON."""
-    return {
-        key: value if isinstance(value, str) else json.dumps(value) for key, value in asdict(card).items()
-    }
+    values = asdict(card) | {"schema": schema_to_dict(card.schema)}
+    return {key: value if isinstance(value, str) else json.dumps(value) for key, value in values.items()}
 
 
 def seal(model: bytes) -> bytes:
@@ -133,6 +156,11 @@ def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
     except Exception as error:  # its exceptions share no base of their own
         raise DataError(f"{name}: ONNX Runtime cannot use this model ({str(error)[:200]})") from error
     texts = session.get_modelmeta().custom_metadata_map
+    if "contacts" in texts and "schema" not in texts:
+        raise DataError(
+            f"{name}: written by an earlier exosight, its card has no schema; make it again: exosight "
+            "generate, then exosight train"
+        )
     try:
         named = {field.name for field in fields(ModelCard)} & texts.keys()
         card = _CARD.validate_python({name: _value(name, texts) for name in named})
@@ -140,7 +168,7 @@ def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
         raise DataError(f"{name}: not an estimator of this version of exosight; export it again") from error
     inputs = [(node.name, node.type, node.shape[1:]) for node in session.get_inputs()]
     outputs = [(node.name, node.type, node.shape[1:]) for node in session.get_outputs()]
-    shapes = ([len(card.contacts)],) * 3 + ([],)
+    shapes = ([len(card.schema.outputs)],) * 3 + ([],)
     wanted = [(name, "tensor(float)", shape) for name, shape in zip(OUTPUTS, shapes, strict=True)]
     if inputs != [(name, "tensor(float)", shape) for name, shape in card.inputs.items()] or outputs != wanted:
         raise DataError(

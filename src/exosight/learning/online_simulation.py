@@ -1,30 +1,12 @@
-"""Fresh frames in an epoch: learned from once, in place of as many of the stored ones."""
+"""Frames simulated anew for an epoch: learned from once, in place of as many of the stored ones."""
 
-from collections.abc import Callable, Generator
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32, Int64, Integer, UInt8
 
 from exosight.errors import InputError
-from exosight.learning.samples import CONTACTS, Samples, stacks
-
-
-class FrameBlock(NamedTuple):
-    """Frames that no epoch has seen before."""
-
-    images: UInt8[np.ndarray, "frames height width"]
-    forces: Float32[np.ndarray, "frames 7"]
-    """C1…C7 [N]"""
-    auxiliary: Float32[np.ndarray, "frames auxiliary"]
-    u: Float32[np.ndarray, " frames"]
-    """actuation [N]"""
-    previous: Integer[np.ndarray, " frames"]
-    """the frame before each, by its place in the block"""
-
-
-FrameBlocks = Callable[[int], Generator[FrameBlock, None, None]]
-"""From the number of an epoch, counted from 0, its block and those of the epochs after it."""
+from exosight.learning.training_data import FrameBlock, TrainingData, stacks
 
 
 class ConcatenatedImages:
@@ -45,42 +27,46 @@ class EpochData(NamedTuple):
     """What one epoch learns from, a row a frame."""
 
     images: UInt8[np.ndarray, "frames height width"] | ConcatenatedImages
-    forces: Float32[np.ndarray, "frames 7"]
+    labels: Float32[np.ndarray, "frames outputs"]
     auxiliary: Float32[np.ndarray, "frames auxiliary"]
     rows: Integer[np.ndarray, " n"]
     """those to learn from"""
     stacks: Int64[np.ndarray, "frames stack"]
     """rows of the images that are seen of each, its own first"""
-    u: Float32[np.ndarray, " frames"] | None
-    """actuation [N], for a network that is told it"""
+    commands: Float32[np.ndarray, "frames channels"] | None
+    """for a network that has them as an input [the channels' units]"""
 
 
-def epoch_data(samples: Samples, block: FrameBlock | None, history: int, seed: int, epoch: int) -> EpochData:
+def epoch_data(
+    data: TrainingData, block: FrameBlock | None, history: int, seed: int, epoch: int
+) -> EpochData:
     """The frames of one epoch: those of the block, and stored ones drawn at random up to the usual number.
 
     Epochs keep their length, and with it the schedule. A block of more frames than an epoch is cut.
 
-    history   earlier images that the network sees
+    history   earlier images that are inputs of the network
 
-    Raises InputError for a block of another image size.
+    Raises InputError for a block of another image size or other labels.
     """
-    size, stored = samples.images.shape[1:], len(samples.images)
-    seen = stacks(samples.previous, history, stored)
+    size, stored = data.images.shape[1:], len(data.images)
+    auxiliary = np.empty((stored, 0), np.float32) if data.auxiliary is None else data.auxiliary
+    seen = stacks(data.previous, history, stored)
     if block is None:
-        return EpochData(
-            samples.images, samples.forces, samples.auxiliary, samples.train_index, seen, samples.u
+        return EpochData(data.images, data.labels, auxiliary, data.train_index, seen, data.commands)
+    if block.images.shape[1:] != size or block.labels.shape[1:] != data.labels.shape[1:]:
+        raise InputError(
+            f"simulated frames: expected images of {size} pixels and {data.labels.shape[1]} labels, got "
+            f"{block.images.shape[1:]} and {block.labels.shape[1]}"
         )
-    if block.images.shape[1:] != size or block.forces.shape[1:] != (len(CONTACTS),):
-        raise InputError(f"simulated frames: expected images of {size} pixels, got {block.images.shape[1:]}")
-    usual = len(samples.train_index)
+    usual = len(data.train_index)
     simulated = np.arange(stored, stored + min(len(block.images), usual))
     draw = np.random.default_rng([seed, epoch, 1])
-    kept = draw.choice(samples.train_index, usual - len(simulated), replace=False)
+    kept = draw.choice(data.train_index, usual - len(simulated), replace=False)
     return EpochData(
-        ConcatenatedImages(samples.images, block.images),
-        np.concatenate([samples.forces, block.forces]),
-        np.concatenate([samples.auxiliary, block.auxiliary[:, : samples.auxiliary.shape[1]]]),
+        ConcatenatedImages(data.images, block.images),
+        np.concatenate([data.labels, block.labels]),
+        np.concatenate([auxiliary, block.auxiliary[:, : auxiliary.shape[1]]]),
         np.concatenate([kept, simulated]),
         np.concatenate([seen, stored + stacks(block.previous, history, len(block.images))]),
-        None if samples.u is None else np.concatenate([samples.u, block.u]),
+        None if data.commands is None else np.concatenate([data.commands, block.commands]),
     )

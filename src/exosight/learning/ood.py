@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float, Float32, UInt8
 from torch import Tensor, nn
 
-from exosight.learning.networks import ForceModel, Standardise
+from exosight.learning.networks import SensorModel, Standardise
 from exosight.vision.corruptions import add_noise
 
 SHARE, NOISE = 0.99, 0.01
@@ -55,16 +55,16 @@ class OodDetector(nn.Module):
 
 
 def fit_ood_detector(
-    model: ForceModel,
+    model: SensorModel,
     images: UInt8[np.ndarray, "frames stack height width"],
-    u: Float32[np.ndarray, " frames"] | None = None,
+    commands: Float32[np.ndarray, "frames channels"] | None = None,
 ) -> OodDetector:
     """From frames that the network has not learned from: the map on every other, its misfit on the rest.
 
-    images   each with those before it, as many as the network sees
-    u        actuation [N], if the network is told it
+    images     each with those before it, as many as are inputs of the network
+    commands   if they are an input [the channels' units]
     """
-    features, pictures = _seen(model, images, u)
+    features, pictures = _seen(model, images, commands)
     mean = features[::2].mean(0)
     centred = features[::2] - mean
     gram = centred.T @ centred
@@ -72,7 +72,7 @@ def fit_ood_detector(
     weight = torch.linalg.solve(gram, centred.T @ (pictures[::2] - pictures[::2].mean(0)))
     bias = pictures[::2].mean(0) - mean @ weight
     rest = slice(1 if len(images) > 1 else 0, None, 2)
-    kept, loads = images[rest], None if u is None else u[rest]
+    kept, loads = images[rest], None if commands is None else commands[rest]
     features, pictures = _seen(model, kept, loads)
     usual = ((pictures - features @ weight - bias) ** 2).mean(0).sqrt() + _FAINT
     found = OodDetector(weight.float(), bias.float(), usual.float(), limit=1.0)
@@ -87,12 +87,14 @@ def fit_ood_detector(
 
 
 def batches(
-    images: UInt8[np.ndarray, "frames stack height width"], u: Float32[np.ndarray, " frames"] | None
-) -> Iterator[tuple[Float[Tensor, "batch stack height width"], Float[Tensor, " batch"] | None]]:
-    """Images and u as a network takes them, some at a time."""
+    images: UInt8[np.ndarray, "frames stack height width"],
+    commands: Float32[np.ndarray, "frames channels"] | None,
+) -> Iterator[tuple[Float[Tensor, "batch stack height width"], Float[Tensor, "batch channels"] | None]]:
+    """Images and commands as a network takes them, some at a time."""
     for start in range(0, len(images), _BATCH):
         part = slice(start, start + _BATCH)
-        yield torch.from_numpy(images[part]).float() / 255, None if u is None else torch.from_numpy(u[part])
+        given = None if commands is None else torch.from_numpy(commands[part])
+        yield torch.from_numpy(images[part]).float() / 255, given
 
 
 def _newest(image: Float[Tensor, "batch images height width"]) -> Float[Tensor, "batch 1 height width"]:
@@ -105,14 +107,14 @@ def _shrunk(picture: Float[Tensor, "batch 1 height width"]) -> Float[Tensor, "ba
 
 
 def _seen(
-    model: ForceModel,
+    model: SensorModel,
     images: UInt8[np.ndarray, "frames stack height width"],
-    u: Float32[np.ndarray, " frames"] | None,
+    commands: Float32[np.ndarray, "frames channels"] | None,
 ) -> tuple[Float[Tensor, "frames features"], Float[Tensor, "frames places"]]:
     """Features and small pictures, in double precision."""
     features, pictures = [], []
     with torch.inference_mode():
-        for part, load in batches(images, u):
+        for part, load in batches(images, commands):
             features.append(model.network.features(part, load).double())
             pictures.append(_shrunk(_newest(part)).double())
     return torch.cat(features), torch.cat(pictures)

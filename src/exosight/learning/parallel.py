@@ -29,15 +29,16 @@ from torch.distributed.distributed_c10d import Store
 from torch.distributed.rendezvous import rendezvous
 
 from exosight.errors import DataError, InputError
+from exosight.learning.config import Precision
 from exosight.learning.networks import Network
-from exosight.learning.online_simulation import FrameBlock
 from exosight.learning.process_group import SINGLE, ProcessGroup
+from exosight.learning.training_data import FrameBlock
 
 _OF_A_BLOCK = (
     (3, torch.uint8),
     (2, torch.float32),
     (2, torch.float32),
-    (1, torch.float32),
+    (2, torch.float32),
     (1, torch.int64),
 )
 """Dimensions and type of each array of a FrameBlock."""
@@ -53,6 +54,12 @@ def choose_device(wanted: Literal["auto", "cpu", "cuda"]) -> Literal["cpu", "cud
     if wanted == "cuda" and not torch.cuda.is_available():
         raise InputError("device: cuda was asked for, but PyTorch finds no GPU; use auto or cpu")
     return wanted
+
+
+def choose_precision(device: Literal["cpu", "cuda"]) -> Precision:
+    """The fastest that the machine has in hardware; bfloat16 halves the time of a step."""
+    has = torch.cuda.is_bf16_supported() if device == "cuda" else torch.ops.mkldnn._is_mkldnn_bf16_supported()
+    return "bfloat16" if has else "float32"
 
 
 @contextmanager
@@ -120,7 +127,7 @@ def share(group: ProcessGroup, tensors: Iterable[Tensor]) -> None:
 
 
 def share_block(group: ProcessGroup, block: FrameBlock | None) -> FrameBlock:
-    """The fresh frames that the first process has, in all."""
+    """The simulated frames that the first process has, in all."""
     if group.size == 1 and block:
         return block
     found = []

@@ -18,10 +18,9 @@ from torch import Tensor, nn
 
 from exosight.errors import DataError, InputError
 from exosight.learning.checkpoint import RunIdentity
-from exosight.learning.config import Settings
 from exosight.learning.model_file import ModelCard, open_session, read_model, sealed
-from exosight.learning.networks import FORCES, LOG_SPREAD, Network
-from exosight.learning.samples import CONTACTS
+from exosight.learning.networks import Network, answer_slices
+from exosight.system.schema import difference
 
 _PREFIX = "model.network."
 _SCALE = "model.scale"
@@ -36,8 +35,8 @@ class Pretrained:
     """of the file, as its seal has it"""
     weights: Mapping[str, Tensor]
     """by the name of the layer in `Network`; a convolution's bias is that of its normalisation as well"""
-    scale: Float[Tensor, "7"]
-    """newtons that one unit of its output stands for, C1…C7"""
+    scale: Float[Tensor, " outputs"]
+    """what one unit of each output stands for [the sensor's unit]"""
 
 
 def load_pretrained(path: Path) -> Pretrained:
@@ -58,7 +57,7 @@ def load_pretrained(path: Path) -> Pretrained:
         if len(node.input) > 2:
             weights[f"{layer}.bias"] = arrays.get(node.input[2], np.full(1, np.nan))
     scale = arrays.get(_SCALE, np.full(1, np.nan))
-    if scale.shape != (len(CONTACTS),) or not all(
+    if scale.shape != (len(card.schema.outputs),) or not all(
         x.dtype == np.float32 and np.isfinite(x).all() for x in [scale, *weights.values()]
     ):
         raise DataError(f"{path}: its weights are not those of an estimator of exosight; export it again")
@@ -70,12 +69,14 @@ def load_pretrained(path: Path) -> Pretrained:
     )
 
 
-def check_pretrained(pretrained: Pretrained, settings: Settings, image_size: tuple[int, int]) -> None:
+def check_pretrained(pretrained: Pretrained, identity: RunIdentity) -> None:
     """Raise InputError unless the network to start from is of the kind that is to be trained."""
-    card = pretrained.card
-    there = (card.network, (card.image_height, card.image_width), card.history, card.actuation)
-    asked = (settings.network, image_size, settings.history, settings.actuation)
-    names = ("network", "image size", "history", "actuation")
+    card, settings = pretrained.card, identity.settings
+    there = (card.network, card.history, card.actuation)
+    asked = (settings.network, settings.history, settings.actuation)
+    names = ("network", "history", "actuation")
+    if fault := difference(card.schema, identity.schema, ("sensors", "cameras", "channels")):
+        raise InputError(f"pretrained: it is for another system: {fault}; start from one of the same kind")
     for name, has, wants in zip(names, there, asked, strict=True):
         if has != wants:
             raise InputError(
@@ -87,11 +88,11 @@ def first_weights(
     pretrained: Pretrained,
     identity: RunIdentity,
     images: Float[Tensor, "batch images height width"],
-    u: Float[Tensor, " batch"] | None,
+    commands: Float[Tensor, "batch channels"] | None,
 ) -> dict[str, Tensor]:
     """The weights with which a run's network answers, before its first step, as the one it starts from.
 
-    images, u   some hundreds of those that it will learn from: they only set what is normalised by
+    images, commands   some hundreds of those that it will learn from: they only set what is normalised by
 
     Raises DataError if the layers are others than this version of exosight builds.
     """
@@ -117,8 +118,8 @@ def first_weights(
     for norm in pairs.values():
         network.get_submodule(norm).register_forward_pre_hook(_normalise)
     with torch.no_grad():
-        network(images, u)
-        _rescale(network.last, pretrained.scale / torch.tensor(identity.force_scale))
+        network(images, commands)
+        _rescale(network, pretrained.scale / torch.tensor(identity.output_scale))
     return {name: tensor.detach().clone() for name, tensor in network.state_dict().items()}
 
 
@@ -142,9 +143,10 @@ def _normalise(layer: nn.Module, arguments: tuple[Tensor]) -> None:
     layer.running_var.copy_(variance)
 
 
-def _rescale(last: nn.Linear, ratio: Float[Tensor, "7"]) -> None:
-    """Give answers in units of another force scale: forces and, as logarithms, the errors to be expected."""
-    last.weight[FORCES].mul_(ratio[:, None])
-    last.bias[FORCES].mul_(ratio)
-    if last.out_features > FORCES.stop:
-        last.bias[LOG_SPREAD].add_(ratio.log())
+def _rescale(network: Network, ratio: Float[Tensor, " outputs"]) -> None:
+    """Give answers in units of another scale: values and, as logarithms, the errors to be expected."""
+    last, (values, log_spread, _) = network.last, answer_slices(network.outputs)
+    last.weight[values].mul_(ratio[:, None])
+    last.bias[values].mul_(ratio)
+    if last.out_features > network.outputs:
+        last.bias[log_spread].add_(ratio.log())

@@ -42,8 +42,8 @@ class Recipe(Protocol):
         ...
 
     @property
-    def scales_forces(self) -> bool:
-        """Whether the loss measures each contact in its own standard deviation, or all in newtons."""
+    def scales_outputs(self) -> bool:
+        """Whether the loss measures each output in its own standard deviation, or all in their units."""
         ...
 
     @property
@@ -58,7 +58,7 @@ class Recipe(Protocol):
 
     @property
     def balances(self) -> bool:
-        """Whether frames that load a rarely loaded contact come more often, see `samples.balanced`."""
+        """Whether frames that load a rarely loaded contact come more often, see `training_data.balanced`."""
         ...
 
     @property
@@ -96,7 +96,7 @@ class Modern:
     batch: int = 128
     precision: Literal["float32", "bfloat16"] | None = None
     weight_decay: float = 0.01
-    scales_forces: bool = True
+    scales_outputs: bool = True
     loss_corner: float = 1.0
     augments: bool = True
     balances: bool = True
@@ -129,7 +129,7 @@ class Paper:
     batch: int = 64
     precision: Literal["float32", "bfloat16"] | None = "float32"
     weight_decay: float = 0.0
-    scales_forces: bool = False
+    scales_outputs: bool = False
     loss_corner: float = 0.0
     augments: bool = False
     balances: bool = False

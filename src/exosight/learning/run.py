@@ -24,6 +24,7 @@ from exosight.learning.networks import Network
 from exosight.learning.parallel import check_alike, share, whole_batch
 from exosight.learning.process_group import ProcessGroup
 from exosight.learning.recipes import RECIPES
+from exosight.system.schema import difference
 
 
 class Run:
@@ -50,7 +51,7 @@ class Run:
         network = whole_batch(group, network)
         # Channels last: a step takes 60 to 90 % of the time that it takes otherwise.
         self.network = network.to(memory_format=torch.channels_last).to(settings.device)  # pyright: ignore[reportCallIssue]
-        self.scale = torch.tensor(identity.force_scale, dtype=torch.float32, device=settings.device)
+        self.scale = torch.tensor(identity.output_scale, dtype=torch.float32, device=settings.device)
         self.auxiliary_scale = torch.tensor(
             identity.auxiliary_scale, dtype=torch.float32, device=settings.device
         )
@@ -114,10 +115,8 @@ def open_run(
     if not resume:
         raise InputError(f"{folder}: already holds a training run; resume it or choose another folder")
     checkpoint = load_checkpoint(folder)
-    if difference := _difference(asdict(checkpoint.run), asdict(identity)):
-        raise InputError(
-            f"{folder}: holds another run ({difference}); ask for the same or choose another folder"
-        )
+    if other := _difference_of_runs(checkpoint.run, identity):
+        raise InputError(f"{folder}: holds another run ({other}); ask for the same or choose another folder")
     restore_tensors(checkpoint, run.network, run.average, run.best, run.optimizer)
     run.position, run.history = checkpoint.position, checkpoint.history
     _check_one_run(run)
@@ -140,6 +139,14 @@ def _check_one_run(run: Run) -> None:
 def copy_of(network: nn.Module) -> dict[str, Tensor]:
     """Copy a network's weights and running statistics."""
     return {name: tensor.detach().clone() for name, tensor in network.state_dict().items()}
+
+
+def _difference_of_runs(there: RunIdentity, asked: RunIdentity) -> str | None:
+    """How the system or anything else differs, in words; None if two runs are the same."""
+    before, now = asdict(there), asdict(asked)
+    del before["schema"], now["schema"]
+    other = difference(there.schema, asked.schema)
+    return f"of another system: {other}" if other else _difference(before, now)
 
 
 def _difference(there: Mapping, asked: Mapping) -> str | None:

@@ -7,32 +7,33 @@ import time
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import NamedTuple
 
 import numpy as np
 import torch
-from jaxtyping import Float, Float32, Integer, UInt8
+from jaxtyping import Float, Float32, UInt8
 from tensorboardX import SummaryWriter
 from torch import Tensor, nn
 
 from exosight.errors import InputError
 from exosight.learning.augmentation import augment_batch
 from exosight.learning.checkpoint import Position, RunIdentity
-from exosight.learning.config import Precision, Settings, TrainConfig, resolve
+from exosight.learning.config import Settings, TrainConfig, resolve
 from exosight.learning.history import EpochRecord
-from exosight.learning.losses import force_loss, training_loss
-from exosight.learning.networks import ForceModel, answers
-from exosight.learning.online_simulation import EpochData, FrameBlock, FrameBlocks, epoch_data
-from exosight.learning.parallel import add_up, choose_device, share, share_block
+from exosight.learning.losses import output_loss, training_loss
+from exosight.learning.networks import SensorModel, answers
+from exosight.learning.online_simulation import EpochData, epoch_data
+from exosight.learning.outputs import nonnegative
+from exosight.learning.parallel import add_up, choose_device, choose_precision, share, share_block
 from exosight.learning.pretrained import Pretrained, check_pretrained, first_weights
 from exosight.learning.process_group import SINGLE, ProcessGroup
 from exosight.learning.recipes import RECIPES
 from exosight.learning.run import Run, open_run
-from exosight.learning.samples import (
-    CONTACTS,
-    Samples,
+from exosight.learning.training_data import (
+    FrameBlock,
+    TrainingData,
     balanced,
-    check_samples,
+    check_training_data,
     epoch_batches,
     fingerprint,
     scale_of,
@@ -53,7 +54,7 @@ _PRETRAINED_IMAGES = 512
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a run is, told after every step."""
+    """Where a run is, reported after every step."""
 
     epoch: int
     """the one under way, from 1"""
@@ -78,17 +79,9 @@ class TrainResult:
 
 def train(
     config: TrainConfig,
-    images: UInt8[np.ndarray, "frames height width"],
-    forces: Float32[np.ndarray, "labels contacts"],
-    train_index: Integer[np.ndarray, " training"],
-    validation_index: Integer[np.ndarray, " validation"],
+    data: TrainingData,
     folder: Path,
-    data_identity: Mapping[str, str | int | float],
     *,
-    auxiliary: Float32[np.ndarray, "frames auxiliary"] | None = None,
-    u: Float32[np.ndarray, " loads"] | None = None,
-    previous: Integer[np.ndarray, " links"] | None = None,
-    online_blocks: FrameBlocks | None = None,
     pretrained: Pretrained | None = None,
     resume: bool = False,
     progress: Callable[[Progress], None] | None = None,
@@ -96,79 +89,76 @@ def train(
 ) -> TrainResult:
     """Train a network; with `resume`, go on exactly (on a CPU to the last bit) where a run was stopped.
 
-    images            uint8 gray values
-    forces            on C1…C7 [N]
-    train_index       frames to learn from
-    validation_index  frames that choose the best epoch
-    folder            gets `checkpoint.safetensors` and `history.csv`; other files in it are left alone
-    data_identity     what the frames are (camera, seed, versions …): kept with the network for its whole life
-    auxiliary         what else a light network learns to tell, as it helps to tell forces: joint angles, …
-    u                 actuation [N], for a network that is told it
-    previous          the frame before each on the way of its exosuit, or its own number where there is none,
-                      for a network that sees earlier images
-    online_blocks     frames learned from in one epoch only, in place of as many of the others
-    pretrained        a network whose weights are the first, in place of random ones
-    group              the processes that train together, each calling this alike; the first writes
+    folder       gets `checkpoint.safetensors` and `history.csv`; other files in it are left alone
+    pretrained   a network whose weights are the first, in place of random ones
+    group        the processes that train together, each calling this alike; the first writes
 
     Raises InputError for frames that cannot be learned from, a folder that already holds a run, a run to be
     resumed that is another one, a network to start from that is of another kind, and a loss that is no longer
     finite; DataError for a damaged checkpoint.
     """
-    if auxiliary is None:
-        auxiliary = np.empty((len(images), 0), np.float32)
     device = choose_device(config.device)
     first = pretrained.sha256 if pretrained else ""
-    settings = resolve(config, device, _precision(device), group.local_size, first)
-    if settings.actuation and u is None:
-        raise InputError("actuation: expected u of every image, got none; give u, or leave actuation out")
-    if settings.history and previous is None:
-        raise InputError(
-            "history: expected the frame before each, got none; give previous, or leave history out"
-        )
-    samples = Samples(
-        *(images, forces, train_index, validation_index, auxiliary),
-        u=u if settings.actuation else None,
-        previous=previous if settings.history else None,
-    )
-    check_samples(samples)
-    _check_slices(len(train_index), settings.batch, group)
-    if settings.network == "paper":
-        samples = replace(samples, auxiliary=auxiliary[:, :0])
-    scales = RECIPES[settings.recipe].scales_forces
-    identity = RunIdentity(
-        settings=settings,
-        data_identity=_plain(data_identity),
-        fingerprint=fingerprint(samples),
-        image_size=(images.shape[1], images.shape[2]),
-        force_scale=tuple(scale_of(forces[train_index]).tolist()) if scales else (1.0,) * len(CONTACTS),
-        auxiliary_scale=tuple(scale_of(samples.auxiliary[train_index]).tolist()),
-    )
+    settings = resolve(config, device, choose_precision(device), group.local_size, first)
+    data = _needed(data, settings)
+    check_training_data(data)
+    _check_slices(len(data.train_index), settings.batch, group)
+    identity = _identity(data, settings)
     with _compute(settings):
-        weights = _first_weights(pretrained, identity, samples) if pretrained else None
+        weights = _first_weights(pretrained, identity, data) if pretrained else None
         run = open_run(identity, folder, resume, group, weights)
         if not run.position.complete:
-            _run(run, samples, online_blocks, progress if group.first else None)
+            _run(run, data, progress if group.first else None)
     return TrainResult(folder, run.history, run.history[run.position.best_epoch - 1])
 
 
-def _first_weights(pretrained: Pretrained, identity: RunIdentity, samples: Samples) -> dict[str, Tensor]:
+def _needed(data: TrainingData, settings: Settings) -> TrainingData:
+    """The data without what this network has no input or output for; InputError if something is missing."""
+    if settings.actuation and data.commands is None:
+        raise InputError(
+            "actuation: expected the commands of every image, got none; give commands, or leave actuation out"
+        )
+    if settings.history and data.previous is None:
+        raise InputError(
+            "history: expected the frame before each, got none; give previous, or leave history out"
+        )
+    if not settings.actuation:
+        data = replace(data, commands=None)
+    if not settings.history:
+        data = replace(data, previous=None)
+    return replace(data, auxiliary=None, auxiliary_units=()) if settings.network == "paper" else data
+
+
+def _identity(data: TrainingData, settings: Settings) -> RunIdentity:
+    index, sensors = data.train_index, data.schema.estimated
+    scales = RECIPES[settings.recipe].scales_outputs
+    own = (
+        scale_of(data.labels[index], [sensor.unit for sensor in sensors]) if scales else np.ones(len(sensors))
+    )
+    beside = () if data.auxiliary is None else scale_of(data.auxiliary[index], data.auxiliary_units).tolist()
+    return RunIdentity(
+        settings=settings,
+        data_identity=_plain(data.identity),
+        fingerprint=fingerprint(data),
+        schema=data.schema,
+        output_scale=tuple(own.tolist()),
+        auxiliary_scale=tuple(beside),
+    )
+
+
+def _first_weights(pretrained: Pretrained, identity: RunIdentity, data: TrainingData) -> dict[str, Tensor]:
     """Those of the network to start from, normalised by images from all over the training part."""
-    settings, index = identity.settings, samples.train_index
-    check_pretrained(pretrained, settings, identity.image_size)
+    settings, index = identity.settings, data.train_index
+    check_pretrained(pretrained, identity)
     chosen = index[np.linspace(0, len(index) - 1, min(len(index), _PRETRAINED_IMAGES)).astype(np.intp)]
-    seen = stacks(samples.previous, settings.history, len(samples.images))[chosen]
-    u = None if samples.u is None else samples.u[chosen]
-    return first_weights(pretrained, identity, *_tensors(samples.images[seen], u, "cpu"))
+    seen = stacks(data.previous, settings.history, len(data.images))[chosen]
+    commands = None if data.commands is None else data.commands[chosen]
+    return first_weights(pretrained, identity, *_tensors(data.images[seen], commands, "cpu"))
 
 
-def _run(
-    run: Run,
-    samples: Samples,
-    online_blocks: FrameBlocks | None,
-    progress: Callable[[Progress], None] | None,
-) -> None:
+def _run(run: Run, data: TrainingData, progress: Callable[[Progress], None] | None) -> None:
     """Take a run to its end, its curves into TensorBoard's files as well."""
-    group = run.group
+    group, online_blocks = run.group, data.online_blocks
     with (
         contextlib.closing(
             online_blocks(run.position.epoch) if online_blocks and group.first else _no_blocks()
@@ -177,7 +167,7 @@ def _run(
     ):
         while not run.position.complete:
             block = next(blocks)
-            _run_epoch(run, samples, share_block(group, block) if online_blocks else block, progress)
+            _run_epoch(run, data, share_block(group, block) if online_blocks else block, progress)
             latest = run.history[-1]
             for name, value in latest.curves().items():
                 board.add_scalar(name, value, latest.step)
@@ -200,23 +190,22 @@ def _no_blocks() -> Generator[None, None, None]:
 
 
 def _run_epoch(
-    run: Run, samples: Samples, block: FrameBlock | None, progress: Callable[[Progress], None] | None
+    run: Run, data: TrainingData, block: FrameBlock | None, progress: Callable[[Progress], None] | None
 ) -> None:
     """Take a run from where it stands to the end of its epoch."""
     settings, epoch = run.identity.settings, run.position.epoch + 1
     started = time.perf_counter() - run.position.seconds
-    rate = _run_steps(
-        run, epoch_data(samples, block, settings.history, settings.seed, epoch), started, progress
-    )
+    frames = epoch_data(data, block, settings.history, settings.seed, epoch)
+    rate = _run_steps(run, frames, started, progress)
     loss = l1 = None
     if epoch % run.recipe.validate_every == 0 or epoch == settings.epochs:
-        loss, l1 = _validate(run, samples)
+        loss, l1 = _validate(run, data)
         _require_finite(loss, "validation loss", epoch, settings)
     record = EpochRecord(
         epoch=epoch,
         step=run.position.step,
         learning_rate=rate,
-        train_loss=run.position.loss_sum / len(samples.train_index),
+        train_loss=run.position.loss_sum / len(data.train_index),
         validation_loss=loss,
         validation_l1=l1,
         seconds=time.perf_counter() - started,
@@ -242,7 +231,8 @@ def _run_steps(
     settings, epoch = run.identity.settings, run.position.epoch + 1
     rows = frames.rows
     if run.recipe.balances:
-        rows = balanced(rows, frames.forces, settings.seed, epoch)
+        loaded = frames.labels[:, nonnegative(run.identity.schema)] > 0
+        rows = balanced(rows, loaded, settings.seed, epoch)
     batches = epoch_batches(rows, settings.batch, settings.seed, epoch)
     steps = settings.epochs * len(batches)
     latest = run.history[-1] if run.history else None
@@ -255,16 +245,20 @@ def _run_steps(
         images: np.ndarray = frames.images[frames.stacks[mine]]
         if run.recipe.augments:
             images = augment_batch(images, settings.seed, epoch, run.position.batch, run.group.rank)
-        u = None if frames.u is None else frames.u[mine]
-        part = len(mine) / len(chosen)
-        loss, forces = _step(run, images, u, frames.forces[mine], frames.auxiliary[mine], rate, part)
+        batch = _Batch(
+            images,
+            None if frames.commands is None else frames.commands[mine],
+            frames.labels[mine],
+            frames.auxiliary[mine],
+        )
+        loss, of_outputs = _step(run, batch, rate, len(mine) / len(chosen))
         _require_finite(loss, "loss", epoch, settings)
         now = time.perf_counter()
         run.position = replace(
             run.position,
             batch=run.position.batch + 1,
             step=run.position.step + 1,
-            loss_sum=run.position.loss_sum + forces * len(chosen),
+            loss_sum=run.position.loss_sum + of_outputs * len(chosen),
             seconds=now - started,
         )
         if now - saved >= CHECKPOINT_SECONDS:
@@ -275,18 +269,19 @@ def _run_steps(
     return rate
 
 
-def _step(
-    run: Run,
-    images: UInt8[np.ndarray, "batch stack height width"] | Float32[np.ndarray, "batch stack height width"],
-    u: Float32[np.ndarray, " batch"] | None,
-    forces: Float32[np.ndarray, "batch 7"],
-    auxiliary: Float32[np.ndarray, "batch auxiliary"],
-    rate: float,
-    part: float,
-) -> tuple[float, float]:
-    """Take one step on the recipe's loss, of which these images are a part.
+class _Batch(NamedTuple):
+    """What a step learns from."""
 
-    returns  the loss before it, and the force loss alone
+    images: UInt8[np.ndarray, "batch stack height width"] | Float32[np.ndarray, "batch stack height width"]
+    commands: Float32[np.ndarray, "batch channels"] | None
+    labels: Float32[np.ndarray, "batch outputs"]
+    auxiliary: Float32[np.ndarray, "batch auxiliary"]
+
+
+def _step(run: Run, batch: _Batch, rate: float, part: float) -> tuple[float, float]:
+    """Take one step on the recipe's loss, of which this batch is a part.
+
+    returns  the loss before it, and that of the outputs alone
     """
     settings = run.identity.settings
     for group in run.optimizer.param_groups:
@@ -295,19 +290,26 @@ def _step(
     run.optimizer.zero_grad()
     low = settings.precision == "bfloat16"
     with torch.autocast(settings.device, torch.bfloat16, enabled=low):
-        output = run.network(*_tensors(images, u, settings.device))
+        output = run.network(*_tensors(batch.images, batch.commands, settings.device))
     losses = training_loss(
-        answers(output.float()),
-        torch.from_numpy(forces).to(settings.device) / run.scale,
-        torch.from_numpy(auxiliary).to(settings.device) / run.auxiliary_scale,
+        answers(output.float(), run.network.outputs),
+        torch.from_numpy(batch.labels).to(settings.device) / run.scale,
+        torch.from_numpy(batch.auxiliary).to(settings.device) / run.auxiliary_scale,
+        nonnegative(run.identity.schema),
         run.recipe.loss_corner,
     )
-    loss, told = (part * each for each in losses)
+    loss, own = (part * each for each in losses)
     loss.backward()
     gradients = (weight.grad for weight in run.network.parameters() if weight.grad is not None)
-    add_up(run.group, [loss, told, *gradients])
+    add_up(run.group, [loss, own, *gradients])
     run.optimizer.step()
-    # The average forgets fast at first, when there is little worth remembering.
+    _update_average(run)
+    whole, of_outputs = torch.stack([loss, own]).tolist()
+    return whole, of_outputs
+
+
+def _update_average(run: Run) -> None:
+    """Move the running average of the weights; fast at first, when what it holds is far from trained."""
     steps = run.position.step
     memory = min(run.recipe.memory, (1 + steps) / (10 + steps))
     with torch.no_grad():
@@ -317,26 +319,24 @@ def _step(
                 average.lerp_(tensor, 1 - memory)
             else:
                 average.copy_(tensor)
-    whole, of_forces = torch.stack([loss, told]).tolist()
-    return whole, of_forces
 
 
-def _validate(run: Run, samples: Samples) -> tuple[float, float]:
-    """The recipe's loss and the mean absolute error [N] of the forces as they would be answered in use."""
+def _validate(run: Run, data: TrainingData) -> tuple[float, float]:
+    """The recipe's loss and the mean absolute error [the outputs' units] as they would be in use."""
     # On CPUs the statistics of batch normalisation differ between the processes.
     share(run.group, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
-    model = ForceModel(run.averaged(), run.scale).eval()
-    settings, index = run.identity.settings, samples.validation_index
-    seen = stacks(samples.previous, settings.history, len(samples.images))
+    model = SensorModel(run.averaged(), run.scale, nonnegative(run.identity.schema)).eval()
+    settings, index = run.identity.settings, data.validation_index
+    seen = stacks(data.previous, settings.history, len(data.images))
     totals = torch.zeros(2, dtype=torch.float64)
     with torch.inference_mode():
         for start in range(0, len(index), _VALIDATION_BATCH)[run.group.rank :: run.group.size]:
             chosen = index[start : start + _VALIDATION_BATCH]
-            truth = torch.from_numpy(samples.forces[chosen]).to(settings.device)
-            u = None if samples.u is None else samples.u[chosen]
-            forces, _, _ = model(*_tensors(samples.images[seen[chosen]], u, settings.device))
-            loss = force_loss(forces / run.scale, truth / run.scale, run.recipe.loss_corner)
-            l1 = nn.functional.l1_loss(forces, truth)
+            truth = torch.from_numpy(data.labels[chosen]).to(settings.device)
+            commands = None if data.commands is None else data.commands[chosen]
+            values, _, _ = model(*_tensors(data.images[seen[chosen]], commands, settings.device))
+            loss = output_loss(values / run.scale, truth / run.scale, run.recipe.loss_corner)
+            l1 = nn.functional.l1_loss(values, truth)
             totals += torch.tensor([loss.item(), l1.item()], dtype=torch.float64) * len(chosen)
     add_up(run.group, [totals])
     loss, l1 = (totals / len(index)).tolist()
@@ -345,14 +345,14 @@ def _validate(run: Run, samples: Samples) -> tuple[float, float]:
 
 def _tensors(
     images: UInt8[np.ndarray, "batch stack height width"] | Float32[np.ndarray, "batch stack height width"],
-    u: Float32[np.ndarray, " batch"] | None,
+    commands: Float32[np.ndarray, "batch channels"] | None,
     device: str,
-) -> tuple[Float[Tensor, "batch stack height width"], Float[Tensor, " batch"] | None]:
-    """A batch of images in [0, 1] and its u; grays stay uint8 in memory until here."""
+) -> tuple[Float[Tensor, "batch stack height width"], Float[Tensor, "batch channels"] | None]:
+    """A batch of images in [0, 1] and its commands; grays stay uint8 in memory until here."""
     tensor = torch.from_numpy(images).to(device)
     if images.dtype == np.uint8:
         tensor = tensor.float().div_(255.0)
-    return tensor, None if u is None else torch.from_numpy(u).to(device)
+    return tensor, None if commands is None else torch.from_numpy(commands).to(device)
 
 
 def _check_slices(frames: int, batch: int, group: ProcessGroup) -> None:
@@ -381,12 +381,6 @@ def _plain(identity: Mapping[str, str | int | float]) -> dict[str, str | int | f
         ):
             raise InputError(f"data_identity: expected text or a finite number for {name}, got {value!r}")
     return json.loads(json.dumps(dict(identity)))
-
-
-def _precision(device: Literal["cpu", "cuda"]) -> Precision:
-    """The fastest that the machine has in hardware; bfloat16 halves the time of a step."""
-    has = torch.cuda.is_bf16_supported() if device == "cuda" else torch.ops.mkldnn._is_mkldnn_bf16_supported()
-    return "bfloat16" if has else "float32"
 
 
 @contextlib.contextmanager

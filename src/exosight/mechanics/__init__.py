@@ -1,14 +1,14 @@
 """Soft and rigid multibody mechanics from one scalar: the potential energy of a kinematic tree.
 
-basis, quadrature, section   what a rod is made of: strain functions, points, stiffness
-joint, link, rod, robot      the parts and their tree
-kinematics                   the one walk down the tree: poses, Jacobians, and the way back
-energy                       what an energy term is, and the terms of rods, joints and weight
-contact, actuation           spheres that press on each other; pressure and cables along a line
-loads, bushing               weight, wrenches, spread forces, torques; springs between frames that close loops
+basis, quadrature, section   components of a rod: strain functions, points, stiffness
+joint, link, rod, robot      bodies and their tree
+kinematics                   forward kinematics of the tree: poses, Jacobians; pull-back of wrenches
+energy                       the potential: elasticity, joint limits, sum of the terms
+contact, actuation           contact of spheres; pressure and cables along a line
+loads, bushing               weight, wrenches, distributed forces, torques; springs that close loops
 equilibrium                  stable minima of the energy: options and results
 quasistatic                  the driver: states under slowly changing loads, many robots at a time
-dynamics                     motion in time under the same energies: equation_of_motion, stepped by timestep
+dynamics                     motion in time: equation_of_motion, stepped by timestep
 """
 
 from exosight.mechanics.actuation import PressureLine, helix, straight

@@ -1,4 +1,4 @@
-"""Actuators whose work is that of a line along a rod."""
+"""Actuators that act along a line on a rod."""
 
 from collections.abc import Callable
 
@@ -16,11 +16,11 @@ from exosight.mechanics.term import Bound, Expansion, Term, one_channel, strain_
 from exosight.mechanics.tree import Tree
 
 Path = Callable[[Array], tuple[Array, Array]]
-"""From a place X in [0, 1] along a rod to (y, z) in its section [m]; smooth, of JAX operations."""
+"""Maps X in [0, 1] along a rod to (y, z) in its section [m]; smooth, of JAX operations."""
 
 
 def straight(y: float, z: float) -> Path:
-    """A line that stays at (y, z) [m]."""
+    """A line at constant (y, z) [m]."""
     return lambda x: (jnp.asarray(y, dtype=float), jnp.asarray(z, dtype=float))
 
 

@@ -38,7 +38,7 @@ def _at_least(basis: object, what: str, least: int, value: int) -> None:
 
 @dataclass(frozen=True)
 class _Polynomial:
-    """All polynomials up to `degree`; which ones stand for them is the subclass's."""
+    """Polynomials up to `degree`, in the basis of the subclass."""
 
     degree: int
 
@@ -81,7 +81,7 @@ class Chebyshev(_Polynomial):
 
 @dataclass(frozen=True)
 class _Elements:
-    """Functions that are polynomials on each of `elements` equal parts of [0, 1]."""
+    """Piecewise polynomials on `elements` equal parts of [0, 1]."""
 
     elements: int
 
@@ -89,7 +89,7 @@ class _Elements:
         _at_least(self, "a number of elements", 1, self.elements)
 
     def _place(self, x: X) -> tuple[np.ndarray, np.ndarray]:
-        """The element that holds each point, and where in it, from 0 to 1."""
+        """The element of each point, and the local coordinate in it, from 0 to 1."""
         element = np.clip(np.floor(x * self.elements).astype(int), 0, self.elements - 1)
         return element, x * self.elements - element
 
@@ -175,7 +175,7 @@ class Hermite(_Elements):
 
 @dataclass(frozen=True)
 class Fourier:
-    """A constant and the first waves 1, cos 2πX, sin 2πX, cos 4πX, …: orthogonal, the same at base and tip.
+    """Constant and first harmonics: 1, cos 2πX, sin 2πX, cos 4πX, …: orthogonal, the same at base and tip.
 
     For strains that are periodic along the rod; one that is not needs very many waves near its ends.
     """
@@ -209,7 +209,7 @@ class Gaussian:
     width: float
 
     def __post_init__(self) -> None:
-        """Raises InputError also where the bumps are so wide that they are nearly one another's sums."""
+        """Raises InputError also if the bumps are so wide that they are nearly linearly dependent."""
         _at_least(self, "a number of bumps", 2, self.count)
         if not (self.width > 0 and np.isfinite(self.width)):
             raise InputError(f"Gaussian: expected a finite width above 0 of the length, got {self.width}")

@@ -18,18 +18,18 @@ Frame = tuple[str, int]
 
 
 class Bushing(Term):
-    """½ eᵀ diag(k) e with e = log(rest⁻¹ g_a⁻¹ g_b): holds frame b where it rests as seen from frame a.
+    """½ eᵀ diag(k) e with e = log(rest⁻¹ g_a⁻¹ g_b): holds frame b at its rest pose relative to frame a.
 
-    A tree becomes a loop where a bushing joins two of its bodies. It is a spring, not a constraint, so that
-    every equilibrium stays a minimum of one energy and its stability keeps its meaning, without multipliers
-    and the saddle that they would make of it. The price is a gap of force/stiffness: 1e4 times as stiff as
-    the parts it closes the loop to 1e-4 of their deflection. Stiffer is not better without end: from 1e6 on,
-    round-off of the gap keeps the residual above 1e-10, and the search winds along a narrow valley.
+    A bushing between two bodies of a tree closes a loop. It is a spring, not a constraint, so that
+    every equilibrium is a minimum of one energy and its stability is defined, without multipliers
+    and their saddle point. The price is a gap of force/stiffness: 1e4 times as stiff as
+    the parts it closes the loop to 1e-4 of their deflection. Higher stiffness is not always better: from 1e6
+    on, round-off of the gap keeps the residual above 1e-10, and the problem becomes ill-conditioned.
     A stiffness of zero frees a direction: a pin about y is (0 about y, and a large one for the rest).
 
     first, second   (body, frame within it) (static)
-    stiffness       (6,)     k about and along the axes of b's resting frame [N m/rad ×3; N/m ×3]
-    rest            (4, 4)   b's resting pose as seen from a [m]; by default they coincide
+    stiffness       (6,)     k about and along the axes of b's rest frame [N m/rad ×3; N/m ×3]
+    rest            (4, 4)   b's rest pose relative to a [m]; by default they coincide
 
     Turning by more than half a turn from rest, the energy jumps. Raises InputError for a negative stiffness.
     """

@@ -1,4 +1,4 @@
-"""Contact between two sets of spheres: f = k d n where they overlap by d, nothing where they do not.
+"""Contact between two sets of spheres: f = k d n for an overlap d, otherwise zero.
 
 Penalty energy Σ ½ k max(d, 0)², d = R_a + R_b − |p_a − p_b|, over all pairs; normal forces only.
 Source: the paper's contact model (eq. 9 there).
@@ -26,12 +26,12 @@ class Spheres(eqx.Module):
     radius: Float[AnyArray, " spheres"]
 
     def index(self, tree: Tree) -> tuple[int, ...]:
-        """Each sphere's place among all frames of the tree; InputError if a body has no such frame."""
+        """Each sphere's index among all frames of the tree; InputError if a body has no such frame."""
         return tuple(tree.frame(body, frame) for body, frame in self.frames)
 
 
 class SphereContact(Term):
-    """Every sphere of `first` against every sphere of `second`.
+    """Contact of every sphere of `first` with every sphere of `second`.
 
     stiffness   ()   k [N/m]
     """
@@ -60,14 +60,14 @@ class SphereContact(Term):
         return jnp.sum(push, axis=1), -jnp.sum(push, axis=0)
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
-        """Up to where the first open pair touches, and a little into it: from there on it is seen."""
+        """Fraction to slightly beyond the first contact of an open pair; the expansion there contains it."""
         overlap, normal, distance = self.pairs(tree, motion.position)
         twist = motion.twist(step)
         moved = twist[:, 3:] + jnp.cross(twist[:, :3], motion.position)
         a, b = jnp.array(self.first.index(tree)), jnp.array(self.second.index(tree))
         closing = -_dot(normal, moved[a][:, None] - moved[b][None])
         ahead = (overlap < 0) & (closing > 0)
-        # 0.3 % of the distance, some 30 µm on a finger: enough to be felt, too little to be thrown back.
+        # 0.3 % of the distance, some 30 µm on a finger: enough for a contact force, too small to be rejected.
         fraction = (0.003 * distance - overlap) / jnp.where(ahead, closing, 1.0)
         return jnp.min(jnp.where(ahead, fraction, jnp.inf))
 
@@ -91,7 +91,7 @@ class SphereContact(Term):
                 k = k - jnp.sum(side(bend), axis=1)[:, None, None] * jnp.eye(3)
                 wrench += on_frames(point_wrench(at, force), frames, tree.frames)
                 stiffness += on_frames(point_stiffness(at, force, k), frames, tree.frames)
-            # What couples the two sides.
+            # Coupling of the two sides.
             da, db = motion.points(a, move_a), motion.points(b, move_b)
             moved = sum(n[:, :, i, None] * db[None, :, i] for i in range(3))  # n · db, by pair
             between = jnp.swapaxes(along[..., None] * n, 1, 2) @ moved - jnp.einsum("ab,biq->aiq", bend, db)

@@ -34,9 +34,9 @@ class Evaluation(NamedTuple):
 def potential(
     robot: Robot,
 ) -> Callable[[Float[Array, " dofs"], Float[Array, " loads"]], tuple[Evaluation, Motion]]:
-    """The function (q, loads) -> Π with its gradient and Hessian, and the motion they were taken at.
+    """The function (q, loads) -> Π with its gradient and Hessian, and the motion at q.
 
-    Everything that depends on the design alone is computed here, once.
+    Everything that depends on the design alone is precomputed here.
     """
     elastic = stiffness(robot)
     terms = [term.bind(robot) for term in (_JointLimits(), *robot.terms)]
@@ -82,7 +82,7 @@ def _blocks(tree: Tree, of_joint: Callable, of_rod: Callable) -> Float[Array, "d
 
 
 class _JointLimits(Term):
-    """½ k (excess)² beyond each joint's range: SPEC's soft stop."""
+    """½ k (excess)² beyond each joint's range: soft joint limits."""
 
     def bind(self, tree: Tree) -> Bound:
         def of_coordinates(name: str, elsewhere: float) -> Array:

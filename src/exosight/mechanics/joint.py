@@ -1,8 +1,8 @@
-"""Joints: how a body may move against its parent.
+"""Joints: relative motion of a body and its parent.
 
 A joint moves by exp(A₁ q₁) exp(A₂ q₂) …, the columns of A_k being constant twists and q₁, q₂ … its own
-coordinates in order. Most need one exponential; a universal joint is two hinges, one after the other.
-Adding one means adding a class whose constructor says what its twists are.
+coordinates in order. Most need one exponential; a universal joint is two hinges in series.
+A new joint is a class whose constructor lists its twists.
 """
 
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ Z: Axis = (0.0, 0.0, 1.0)
 
 
 class Springs(TypedDict, total=False):
-    """What every joint may have besides its axes; the fields of `Joint`."""
+    """Options of every joint besides its axes; the fields of `Joint`."""
 
     stiffness: PerCoordinate
     damping: PerCoordinate
@@ -35,10 +35,10 @@ class Springs(TypedDict, total=False):
 class Joint(eqx.Module):
     """A joint with constant twists, springs, dampers and a range.
 
-    Numbers are for all coordinates alike, or one a coordinate; units by coordinate, rad for one that turns,
-    m for one that slides.
+    Values are one for all coordinates or one per coordinate; units by coordinate, rad for rotations,
+    m for translations.
 
-    twists            groups of twists, one exponential a group, one twist a coordinate (static)
+    twists            groups of twists, one exponential per group, one twist per coordinate (static)
     stiffness         (dofs,)     spring about q = 0 [N m/rad or N/m]
     damping           (dofs,)     [N m s/rad or N s/m]
     lower, upper      (dofs,)     range [rad or m]; ±inf where there is none
@@ -60,8 +60,8 @@ class Joint(eqx.Module):
         limit_stiffness: PerCoordinate = 0.0,
         damping: PerCoordinate = 0.0,
     ) -> None:
-        """Raises InputError for twists that are no twists or do not differ, a number that is negative or
-        infinite, an empty range, or a wrong count.
+        """Raises InputError for invalid or linearly dependent twists, a negative or
+        infinite number, an empty range, or a wrong count.
         """
         name = type(self).__name__
         self.twists = tuple(tuple(tuple(map(float, twist)) for twist in group) for group in twists)
@@ -116,21 +116,21 @@ class Fixed(Joint):
 
 
 class Revolute(Joint):
-    """A hinge: it turns about `axis` through its origin [rad]; (0, 1, 0) flexes a finger in the x–z plane."""
+    """A hinge: rotation about `axis` through its origin [rad]; (0, 1, 0) flexes a finger in the x–z plane."""
 
     def __init__(self, axis: Axis = Y, **springs: Unpack[Springs]) -> None:
         super().__init__([[_turn(axis)]], **springs)
 
 
 class Prismatic(Joint):
-    """A slide along `axis` [m]."""
+    """Translation along `axis` [m]."""
 
     def __init__(self, axis: Axis = X, **springs: Unpack[Springs]) -> None:
         super().__init__([[_slide(axis)]], **springs)
 
 
 class Helical(Joint):
-    """A screw: it turns about `axis` [rad] and advances along it by `pitch` a radian [m/rad]."""
+    """A screw: rotation about `axis` [rad] and translation along it by `pitch` per radian [m/rad]."""
 
     def __init__(
         self,
@@ -145,16 +145,16 @@ class Helical(Joint):
 
 
 class Cylindrical(Joint):
-    """It turns about `axis` [rad] and slides along it [m]."""
+    """Rotation about `axis` [rad] and translation along it [m]."""
 
     def __init__(self, axis: Axis = X, **springs: Unpack[Springs]) -> None:
         super().__init__([[_turn(axis), _slide(axis)]], **springs)
 
 
 class Planar(Joint):
-    """It turns about `normal` [rad] and slides along two directions across it [m], all in one exponential.
+    """Rotation about `normal` [rad] and translation across it in two directions [m], in one exponential.
 
-    Singular at a full turn, where sliding leads nowhere. The directions are the two of the joint's axes after
+    Singular at a full turn. The directions are the two of the joint's axes after
     the normal's largest component, made square to it: z and x for the normal y.
     """
 
@@ -190,7 +190,7 @@ class Universal(Joint):
 
 
 class Free(Joint):
-    """All six: rotation vector [rad] and translation [m] of one exponential, singular at a full turn."""
+    """Rotation vector [rad] and translation [m] of one exponential, singular at a full turn."""
 
     def __init__(self, **springs: Unpack[Springs]) -> None:
         super().__init__([np.eye(6).tolist()], **springs)

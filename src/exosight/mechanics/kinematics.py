@@ -1,14 +1,14 @@
-"""The one walk down the kinematic tree, and the way back up it.
+"""Forward kinematics of the tree, and the pull-back of wrenches and stiffnesses to coordinates.
 
-`walk` goes from coordinates q to poses and spatial Jacobians, body by body and step by step; everything
-that needs a pose reads its `Motion`. A step multiplies the pose by exp(Ω(q)): a joint is a step or two, with
+`walk` computes poses and spatial Jacobians from coordinates q, body by body and step by step; all other
+modules use its `Motion`. A step multiplies the pose by exp(Ω(q)): a joint is a step or two, with
 Ω = axes · q, a rod one step between each two neighbouring points, with the fourth-order Magnus twist
 
     Ω = h/2 (ξ₁ + ξ₂) + (√3/12) h² [ξ₁, ξ₂],      ξ₁, ξ₂ at the Gauss (Zannah) points of the interval.
 
 With T the left Jacobian of SE(3), the spatial columns of a step are S_j = Ad(g_{j−1}) T(Ω_j) ∂Ω_j/∂q, and the
-spatial Jacobian of frame i is the sum of S_j over the steps above it. `pull_back` is the way back: from what
-an energy says about the frames, spatial wrenches W_i and stiffnesses K_i, to what it says about q.
+spatial Jacobian of frame i is the sum of S_j over the steps above it. `pull_back` is the reverse: from
+spatial wrenches W_i and stiffnesses K_i of the frames to gradient and Hessian by q.
 
 Source: Mathew et al., doi 10.1109/MRA.2022.3202488; Renda et al., "Geometric variable-strain approach",
 doi 10.1109/LRA.2020.2985620; second derivatives follow from differentiating S_j once more.
@@ -53,12 +53,12 @@ class Steps(eqx.Module):
 
 
 class Curvature(eqx.Module):
-    """What the second derivative of a step's own exponential takes.
+    """Data of the second derivative of a step's exponential.
 
     twist      (steps, 6)         Ω
     pose       (steps, 4, 4)      of the frame that the step starts from
     dtwist     (steps, 6, local)  ∂Ω/∂local
-    bracket    (steps, half, half) or None    what multiplies [ξ₁, ξ₂] in Ω, by enabled strain; None: a joint
+    bracket    (steps, half, half) or None    factor of [ξ₁, ξ₂] in Ω, by enabled strain; None: a joint
     rows       the enabled strains' rows in a twist (static)
     """
 
@@ -93,7 +93,7 @@ class BodyMotion(eqx.Module):
 
 
 class Motion(eqx.Module):
-    """What the walk found, body by body, and all frames together in that order."""
+    """Result of `walk`, by body, and all frames together in that order."""
 
     dofs: int = eqx.field(static=True)
     bodies: tuple[BodyMotion, ...]
@@ -235,7 +235,7 @@ def pull_back(
             below[body.parent] = parent_w + all_w, parent_k + all_k
         for step in reversed(at.steps):
             is_rod = step.curvature.bracket is not None
-            # Beyond a joint is everything; beyond rod step j are the points from j + 1 on.
+            # Distal to a joint is everything; distal to rod step j are the points from j + 1 on.
             beyond_w = _sums_from_the_end(w[1:], below_w) if is_rod else all_w[None]
             beyond_k = _sums_from_the_end(k[1:], below_k) if is_rod else all_k[None]
             across = jnp.swapaxes(step.columns, 1, 2)
@@ -332,7 +332,7 @@ _ORDERS = 4
 def _curvature(step: Curvature, w: Float[Array, "steps 6"]) -> Float[Array, "steps local local"]:
     """Symmetric part of the second derivative of exp(Ω(local)) on a constant spatial wrench w.
 
-    From T = Σ_k ad(Ω)^k / (k + 1)!, with w seen from where the step starts, it is
+    From T = Σ_k ad(Ω)^k / (k + 1)!, with w in the frame where the step starts, it is
 
         Σ_m ((ad^m dΩ)ᵀ C(n_m) dΩ),      n_m = Σ_i (adᵀ)^i w / (i + m + 2)!,      m ≥ 1.
 

@@ -13,11 +13,11 @@ class Link(eqx.Module):
     """A rigid body behind a joint, along its local x axis.
 
     name, parent   its own name, and that of the body at whose end its joint sits (None: the ground)
-    joint          how it moves against the parent
+    joint          motion relative to the parent
     mount          (4, 4)          pose of the joint in the parent's end frame
     length         ()              [m]; the end frame, where children attach, is at (length, 0, 0)
-    sites          (frames, 3)     points whose poses are wanted, in the link's frame [m]
-    mass           (frames,)       mass carried at each site [kg]
+    sites          (frames, 3)     points whose poses are computed, in the link's frame [m]
+    mass           (frames,)       point mass at each site [kg]
     inertia        (frames, 3, 3)  moment of inertia of that mass about its site, in the link's axes [kg m²]
     """
 

@@ -1,4 +1,4 @@
-"""Loads from outside: weight, forces and moments at points, loads spread along rods, torques of motors."""
+"""External loads: weight, forces and moments at points, distributed loads on rods, motor torques."""
 
 from collections.abc import Sequence
 
@@ -53,7 +53,7 @@ class DeadForce(Term):
     """A force of constant direction on one frame: −u direction · p.
 
     body, frame   the frame: index within the body, −1 its last (static)
-    channel       which load scales it (static)
+    channel       index of the load that scales it (static)
     direction     (3,)   in the world; the force is u · direction [N]
     """
 
@@ -75,15 +75,15 @@ class DeadForce(Term):
 class PointWrench(Term):
     """A moment and a force on one frame, dead or follower.
 
-    A dead one keeps its direction in the world and acts at the frame's moving origin; a follower is constant
-    in the frame's own axes. A dead force has the energy −u force · p. A moment, or anything that follows,
-    has none (its work depends on the way taken), so its robot is not `conservative`: an equilibrium is then
+    A dead wrench keeps its direction in the world and acts at the frame's moving origin; a follower is
+    constant in the frame's own axes. A dead force has the energy −u force · p. A moment, or a follower,
+    has none (its work is path-dependent), so its robot is not `conservative`: an equilibrium is then
     a root of the force balance, and positive eigenvalues of the Hessian exclude divergence, but not flutter.
 
     body, frame   the frame: index within the body, −1 its last (static)
-    channel       which load scales it (static)
+    channel       index of the load that scales it (static)
     follower      whether it turns with the frame (static)
-    turning       whether it has a moment (static, seen from `wrench`)
+    turning       whether it has a moment (static, follows from `wrench`)
     wrench        (6,)   [moment; force]; what acts is u · wrench [N m; N]
 
     Raises InputError for a wrench that is not six finite numbers.

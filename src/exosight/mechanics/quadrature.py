@@ -1,4 +1,4 @@
-"""The points along a rod: where energy is integrated, poses are computed and spheres sit."""
+"""Quadrature points along a rod: for integrals of the energy, poses and contact spheres."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,7 +18,7 @@ class Gauss:
     element_ends   whether the inner element ends are points too (SoRoSim has them)
 
     The paper's 42 points are `Gauss(5, 8)`. A nodal basis has kinks at the element ends: without points there
-    a step straddles them, and the error of a tip stays at some 1e-7 of the length instead of falling further.
+    a step crosses them, and the tip error stays at some 1e-7 of the length instead of decreasing further.
     """
 
     elements: int

@@ -33,14 +33,14 @@ class Rod(eqx.Module):
     name, parent   its own name, and that of the body at whose end it sits (None: the ground)
     strains        the enabled strain components with their bases, in the order of `STRAINS`
     quadrature     the points along it; each is a frame
-    joint, mount   as for a link: how its base moves, and where that is
+    joint, mount   as for a link: motion of its base, and pose of the joint
     section        sizes at each point
     length         ()          [m]
     young          ()          [Pa]
     poisson        ()          [-]
     density        ()          [kg/m³]
-    viscosity      ()          [Pa s]; of a Kelvin–Voigt material, to strain rates what `young` is to strains
-    natural        (nodes, 6)  strain without load, at the points, then at the samples of each step [1/m; -]
+    viscosity      ()          [Pa s]; Kelvin–Voigt: multiplies strain rates as `young` multiplies strains
+    natural        (nodes, 6)  stress-free strain, at the points, then at the samples of each step [1/m; -]
 
     Coordinates follow strain by strain. Angular strains are natural + (1/length) Σ φ_k q_k, so that q is in
     radians, linear ones natural + Σ φ_k q_k (as in SoRoSim).
@@ -120,7 +120,7 @@ class Rod(eqx.Module):
 
     @property
     def frames(self) -> int:
-        """Number of poses it contributes: one a quadrature point."""
+        """Number of poses it contributes: one per quadrature point."""
         return self.quadrature.size
 
     @property
@@ -130,12 +130,12 @@ class Rod(eqx.Module):
 
     @property
     def rows(self) -> tuple[int, ...]:
-        """Where the enabled strains stand in a strain twist."""
+        """Indices of the enabled strains in a strain twist."""
         return tuple(STRAINS.index(name) for name, _ in self.strains)
 
     @property
     def scale(self) -> Float[AnyArray, " enabled"]:
-        """What an enabled strain is multiplied with: 1/length [1/m] for angular ones, 1 for linear ones."""
+        """Factor of an enabled strain: 1/length [1/m] for angular ones, 1 for linear ones."""
         return jnp.where(np.array(self.rows) < 3, 1 / self.length, 1.0)
 
     def functions(self, x: Float[np.ndarray, " points"]) -> Float[np.ndarray, "points enabled size"]:
@@ -152,11 +152,11 @@ class Rod(eqx.Module):
         return self.length * self.quadrature.weights
 
     def mass(self) -> Float[AnyArray, " points"]:
-        """Mass [kg] that each quadrature point carries."""
+        """Mass [kg] of each quadrature point."""
         return self.weights() * self.density * self.section.area()
 
     def inertia(self) -> Float[AnyArray, "points 3 3"]:
-        """Moment of inertia [kg m²] of what each quadrature point carries, about itself, in its own axes."""
+        """Moment of inertia [kg m²] of each quadrature point's mass, about itself, in its own axes."""
         rotary = (self.weights() * self.density)[:, None] * self.section.rotary()
         return rotary[:, :, None] * np.eye(3)
 
@@ -175,14 +175,14 @@ class Rod(eqx.Module):
 
 
 def _check_basis(what: str, basis: Basis, quadrature: Gauss) -> None:
-    """InputError for a basis that is not one, or whose functions look alike at the quadrature points."""
+    """InputError for an invalid basis, or functions linearly dependent at the quadrature points."""
     points, wanted = quadrature.points, (quadrature.size, basis.size)
     values = np.asarray(basis.evaluate(points))
     if values.shape != wanted or not np.all(np.isfinite(values)):
         raise InputError(
             f"{what}: expected `evaluate` to give finite values of shape {wanted}, got {values.shape}"
         )
-    # Squared, this is the condition of the stiffness matrix, which has to have an inverse.
+    # Its square is the condition number of the stiffness matrix, which must be invertible.
     if (
         basis.size > np.sum(quadrature.weights > 0)
         or np.linalg.cond(np.sqrt(quadrature.weights)[:, None] * values) > 1e7

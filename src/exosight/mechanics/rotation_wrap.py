@@ -1,4 +1,4 @@
-"""The same pose by another rotation vector, for joints that turn on and on.
+"""Wrapping of rotation vectors, for joints with unlimited rotation.
 
 exp(Ω) is singular where the rotation vector reaches a full turn. Long before, beyond 200°, the same pose is
 written with the smaller turn the other way, ω − 2π ω/|ω|.
@@ -19,9 +19,9 @@ _TURN = np.deg2rad(200)
 def wrap_rotations(
     robot: Robot, q: Float[Array, " dofs"], v: Float[Array, " dofs"]
 ) -> tuple[Float[Array, " dofs"], Float[Array, " dofs"], Bool[Array, ""]]:
-    """Coordinates and rates with every free, ball or planar joint turned by less, and whether any was.
+    """Coordinates and rates with the rotation of free, ball and planar joints wrapped; whether any was.
 
-    A joint with springs, dampers, a range or a motor keeps its coordinates, for those depend on them.
+    A joint with springs, dampers, a range or a motor keeps its coordinates, as its forces depend on them.
     """
     changed = jnp.array(False)
     driven = {term.body for term in robot.terms if isinstance(term, JointTorque)}

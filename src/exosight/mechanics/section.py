@@ -1,7 +1,7 @@
-"""Cross-sections of rods: the one place that turns dimensions into areas and moments.
+"""Cross-sections of rods: areas and moments from dimensions.
 
-A section is a few numbers at each quadrature point of a rod, so that it may vary along it. Adding one means
-adding a class with `area`, `moments` and `torsion`.
+Dimensions are given at each quadrature point of a rod, so they may vary along it. A new section is a class
+with `area`, `moments` and `torsion`.
 """
 
 from abc import abstractmethod
@@ -35,7 +35,7 @@ class Section(eqx.Module):
 
     @property
     def size(self) -> int:
-        """Number of points that it is given at."""
+        """Number of points."""
         return self.area().shape[-1]
 
     def stiffness(self, young: Scalar, poisson: Scalar) -> Float[Array, "points 6"]:
@@ -45,7 +45,7 @@ class Section(eqx.Module):
         poisson   ()            [-]
         returns   (points, 6)   torsion and bending [N m²], then stretch and shear [N]
 
-        Shear carries no correction factor, as in the paper's toolbox.
+        Shear has no correction factor, as in the paper's toolbox.
         Source: Mathew et al., SoRoSim, doi 10.1109/MRA.2022.3202488.
         """
         shear = young / (2 * (1 + poisson))
@@ -143,7 +143,7 @@ class Rectangular(Section):
         """
         long, short = jnp.maximum(self.width, self.height), jnp.minimum(self.width, self.height)
         # Σ tanh/n⁵ = Σ 1/n⁵ − Σ (1 − tanh)/n⁵: the first sum is known, and four terms of the second are exact
-        # to round-off, where the sum as it stands needs hundreds.
+        # to round-off, where direct summation needs hundreds.
         n = np.arange(1, 8, 2)
         missing = jnp.sum((1 - jnp.tanh(n * np.pi / 2 * (long / short)[..., None])) / n**5, axis=-1)
         return long * short**3 * (1 / 3 - 64 / np.pi**5 * short / long * (_ODD_FIFTH_POWERS - missing))

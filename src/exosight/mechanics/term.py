@@ -1,8 +1,8 @@
-"""What an energy term is.
+"""Energy terms.
 
-A term says what its energy is at a `Configuration`; automatic differentiation *of the term* does the rest.
+A term defines its energy at a `Configuration`; derivatives follow by automatic differentiation *of the term*.
 Terms that are evaluated often return their `Expansion` themselves: value, first and second derivatives.
-Either way it speaks about frames in spatial wrenches and stiffnesses, which are pulled back through the tree
+In both cases frames enter by spatial wrenches and stiffnesses, which are pulled back through the tree
 once for all terms together (`kinematics.pull_back`).
 """
 
@@ -23,10 +23,10 @@ from exosight.mechanics.tree import Tree
 
 
 class Configuration(NamedTuple):
-    """What an energy may depend on.
+    """Arguments of an energy.
 
     q        (dofs,)             coordinates (radians, metres, dimensionless strains)
-    pose     (frames, 4, 4)      of the frames that the term asked for, local to world [m]
+    pose     (frames, 4, 4)      of the frames listed by the term, local to world [m]
     strain   (points, 6) a rod   by the rod's name [1/m; -]
     """
 
@@ -44,10 +44,10 @@ class Expansion(NamedTuple):
     """A term's energy and derivatives at one pose.
 
     energy         ()                [J]
-    gradient       (dofs,)           by coordinates, without what acts through `wrench`
+    gradient       (dofs,)           by coordinates, without the part through `wrench`
     wrench         (frames, 6)       dΠ = Σ wrench_i · (spatial twist of frame i) [N m; N]
     stiffness      (frames, 6, 6)    symmetric part of ∂wrench_i/∂(spatial twist of frame i)
-    hessian        (dofs, dofs)      by coordinates, without what acts through `wrench` and `stiffness`
+    hessian        (dofs, dofs)      by coordinates, without the part through `wrench` and `stiffness`
     load_energy    (loads,)          Λ = ∂Π/∂u [m, for a force]
     load_gradient  (loads, dofs)     ∂∇Π/∂u
     """
@@ -65,24 +65,24 @@ Bound = Callable[[Float[Array, " dofs"], Motion, Float[Array, " loads"]], Expans
 
 
 class Term(eqx.Module):
-    """An energy; give it an `energy`, or for speed a `bind`.
+    """An energy; subclasses define `energy`, or for speed `bind`.
 
-    A term whose derivatives say nothing of what is just ahead (a gap says nothing of the contact behind it)
-    also has a `max_step_fraction`; one that is scaled by loads says how many it needs.
+    A term whose derivatives do not predict a change ahead (an open gap before contact)
+    also defines `max_step_fraction`; one that is scaled by loads defines `loads`.
     """
 
     @property
     def loads(self) -> int:
-        """How many load channels there must be for this term: its channel's number + 1, or none."""
+        """Number of load channels required: the channel's index + 1, or 0."""
         return 0
 
     @property
     def conservative(self) -> bool:
-        """Whether it has an energy; a follower force has none, and then `bind` gives its gradient alone."""
+        """Whether it has an energy; a follower force has none, and `bind` then gives its gradient only."""
         return True
 
     def frames(self, tree: Tree) -> Sequence[int]:
-        """The frames whose poses `energy` looks at, as numbered by `tree.frame`; all by default."""
+        """The frames whose poses `energy` uses, as numbered by `tree.frame`; all by default."""
         return range(tree.frames)
 
     def energy(self, tree: Tree, at: Configuration, loads: Float[Array, " loads"]) -> Float[Array, ""]:
@@ -90,10 +90,10 @@ class Term(eqx.Module):
         raise NotImplementedError(f"{type(self).__name__} has neither energy nor bind")
 
     def bind(self, tree: Tree) -> Bound:
-        """The function (q, motion, loads) -> Expansion on this tree; what q does not change is done here.
+        """The function (q, motion, loads) -> Expansion on this tree; parts independent of q are precomputed.
 
         By default the derivatives of `energy`, to second order in the motion of its frames, by automatic
-        differentiation: as exact as by hand, and slower the more frames it looks at.
+        differentiation: exact, and slower the more frames it uses.
         """
         frames = np.array(self.frames(tree), int)
 
@@ -125,12 +125,12 @@ class Term(eqx.Module):
         return expand
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
-        """The largest fraction of `step` from `motion` that the expansion there can be trusted for."""
+        """The largest fraction of `step` from `motion` within which the expansion is valid."""
         return jnp.array(jnp.inf)
 
 
 def zero(tree: Tree, loads: Float[Array, " loads"]) -> Expansion:
-    """The expansion of no energy, for terms to replace what they have."""
+    """The expansion of zero energy, whose fields terms replace."""
     n, channels = tree.dofs, loads.shape[0]
     return Expansion(
         energy=jnp.zeros(()),

@@ -1,4 +1,4 @@
-"""The kinematic tree: links and rods, each on the end of another or on the ground."""
+"""The kinematic tree: links and rods, each attached to the end of another or to the ground."""
 
 from collections.abc import Sequence
 
@@ -54,13 +54,13 @@ class Tree(eqx.Module):
         return names.index(name)
 
     def frame_slice(self, name: str) -> slice:
-        """Where the frames of body `name` stand among all frames."""
+        """Indices of the frames of body `name` among all frames."""
         i = self.index(name)
         start = sum(body.frames for body in self.bodies[:i])
         return slice(start, start + self.bodies[i].frames)
 
     def frame(self, name: str, number: int) -> int:
-        """Where frame `number` of body `name` (−1: its last) stands among all; InputError if it has none."""
+        """Index of frame `number` of body `name` (−1: its last) among all; InputError if it has none."""
         own = self.frame_slice(name)
         count = own.stop - own.start
         if not -count <= number < count:
@@ -68,7 +68,7 @@ class Tree(eqx.Module):
         return range(own.start, own.stop)[number]
 
     def dof_slice(self, name: str) -> slice:
-        """Where the coordinates of body `name` (its joint's, then its strains') stand among all."""
+        """Indices of the coordinates of body `name` (its joint's, then its strains') among all."""
         i = self.index(name)
         start = sum(body.dofs for body in self.bodies[:i])
         return slice(start, start + self.bodies[i].dofs)

@@ -1,18 +1,22 @@
 """Designs: systems of one structure that differ in numbers. A dataset is made of designs, drawn by a seed."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import json
+from collections.abc import Callable, Hashable, Mapping
 from typing import Protocol, runtime_checkable
 
 import jax
 import numpy as np
+from jaxtyping import Bool
 from pydantic import JsonValue
 
 from exosight.errors import InputError
 from exosight.system.build import build
+from exosight.system.camera import Camera
 from exosight.system.description import VaryTable
+from exosight.system.design import Design
 from exosight.system.faults import at_place
 from exosight.system.file import Values, describe, replaced
+from exosight.system.observation import Observation
 from exosight.system.schema import Schema
 from exosight.system.system import System
 from exosight.system.units import split_quantity
@@ -21,20 +25,8 @@ SHARES = (0.0, 0.6180339887498949, 1.0)
 """Of the way from low to high at which varied entries are tried; no entry that counts is whole in between."""
 
 
-@dataclass(frozen=True)
-class Design:
-    """One member of a set of designs.
-
-    number       its place in the set, 0, 1, 2 …
-    family       index into the set's families: what kind it is
-    scenario     index into the set's scenarios: what varies in it
-    parameters   what tells it from the others, as JSON values
-    """
-
-    number: int
-    family: int
-    scenario: int
-    parameters: Mapping[str, JsonValue]
+Filter = Callable[[Observation], Bool[np.ndarray, "*batch"]]
+"""Which states of an observation a dataset leaves out."""
 
 
 @runtime_checkable
@@ -61,12 +53,30 @@ class DesignSet(Protocol):
         """Of every design."""
         ...
 
+    @property
+    def camera(self) -> Camera:
+        """The first camera of the nominal design."""
+        ...
+
+    @property
+    def filters(self) -> Mapping[str, Filter]:
+        """Frames that a dataset leaves out, beside no equilibria and crossing rods, by cause."""
+        ...
+
     def draw(self, per_scenario: int, seed: int) -> tuple[Design, ...]:
         """So many designs of each scenario; InputError if there are not as many."""
         ...
 
     def build(self, design: Design) -> System:
         """The system of a design; InputError for parameters that are not this set's."""
+        ...
+
+    def numbers(self, design: Design) -> dict[str, float]:
+        """What varies in the plant beside family and scenario, by name; equal names for all designs."""
+        ...
+
+    def key(self, design: Design) -> Hashable:
+        """What is equal for designs of equal geometry, whatever their numbers and sets."""
         ...
 
 
@@ -85,6 +95,8 @@ class FileDesigns:
         nominal = build(self._description)
         self.name, self.schema = nominal.name, nominal.schema
         self.families = (nominal.name,)
+        self.camera = nominal.camera()
+        self.filters: Mapping[str, Filter] = {}
         for place, table in enumerate(self.varied):
             at_place(f"vary.{place}", _limits, table)
             if table.entry in [before.entry for before in self.varied[:place]]:
@@ -125,6 +137,17 @@ class FileDesigns:
                 raise InputError(f"design {design.number}: {entry} does not vary in {self.name}")
             values = replaced(values, entry, value)
         return build(describe(values))
+
+    def numbers(self, design: Design) -> dict[str, float]:
+        """The varied entries, as numbers in the units of the file."""
+        return {
+            entry: split_quantity(value, "45 mm")[0] if isinstance(value, str) else float(str(value))
+            for entry, value in design.parameters.items()
+        }
+
+    def key(self, design: Design) -> Hashable:
+        """The file's entries and the design's, as text."""
+        return json.dumps([self.values, dict(design.parameters)], sort_keys=True)
 
     def _design(self, number: int, seed: int) -> Design:
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))

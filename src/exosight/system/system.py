@@ -133,7 +133,15 @@ class System(eqx.Module):
 
     def loads(self, commands: Float[np.ndarray, "*batch channels"]) -> Float[np.ndarray, "*batch channels"]:
         """Loads of the robot [N or N m] at commands in the channels' units."""
-        return np.asarray(commands, float) * np.array([float(actuator.gain) for actuator in self.actuators])
+        return np.asarray(commands, float) * self._gains
+
+    def commands(self, loads: Float[np.ndarray, "*batch channels"]) -> Float[np.ndarray, "*batch channels"]:
+        """Commands in the channels' units at loads of the robot [N or N m]."""
+        return np.asarray(loads, float) / self._gains
+
+    @property
+    def _gains(self) -> Float[np.ndarray, " channels"]:
+        return np.array([float(actuator.gain) for actuator in self.actuators])
 
 
 def stack_systems(systems: Sequence[Part]) -> Part:

@@ -1,21 +1,15 @@
 """From bodies to pictures: a camera, a renderer of tapered tubes, and what may happen to a picture.
 
 corruptions   the paper's noise and contrast
-appearance    how pictures may differ, drawn frame by frame as numbers; augment makes pictures so
+appearance    how far pictures may differ; augment draws numbers frame by frame and makes pictures so,
+transforms    one class for each thing that may become of a picture
 lighting      how the bodies' shades and their light may differ when they are rendered
 ood_images    pictures without the plant, and what is kept for testing
 """
 
 from exosight.system.camera import Camera, project, resized
-from exosight.vision.appearance import (
-    TRAINING,
-    Appearance,
-    AppearanceVariation,
-    draw_appearance,
-    from_table,
-    to_table,
-)
-from exosight.vision.augment import augment
+from exosight.vision.appearance import TRAINING, AppearanceVariation
+from exosight.vision.augment import Appearance, augment, draw_appearance
 from exosight.vision.corruptions import CORRUPTIONS, add_noise, corrupt, set_contrast
 from exosight.vision.lighting import Lighting, LightingVariation, draw_lighting
 from exosight.vision.ood_images import HELD_OUT, OOD_KINDS, draw_ood_images
@@ -41,11 +35,9 @@ __all__ = [
     "draw_appearance",
     "draw_lighting",
     "draw_ood_images",
-    "from_table",
     "moved",
     "project",
     "render",
     "resized",
     "set_contrast",
-    "to_table",
 ]

@@ -1,4 +1,4 @@
-"""What hides a part of the bodies: objects in front of them, and the user's other fingers."""
+"""What hides a part of the bodies: objects in front of them, and other fingers."""
 
 from collections.abc import Callable
 from typing import Literal, get_args
@@ -19,7 +19,7 @@ HELD_OUT_OCCLUSIONS: tuple[HeldOutOcclusion, ...] = get_args(HeldOutOcclusion)
 """Kinds to keep for testing on what was never seen."""
 
 LINK_LENGTHS = (0.045, 0.025, 0.024)
-"""Lengths of the links of another finger before it is scaled [m]: about those of the one that is worn."""
+"""Lengths of the links of another finger before it is scaled [m]: about those of an index finger."""
 LINK_RADII = (0.0105, 0.0075, 0.006, 0.0045)
 """Its radii at the joints and at the tip [m]."""
 
@@ -67,7 +67,7 @@ def put_before(picture: Picture, mask: Picture, shade: float) -> Picture:
 def draw_fingers(picture: Picture, count: int, seed: int) -> None:
     """Draw other fingers over a picture, in place: the same hand's, each bent in its own way.
 
-    They are seen as the default camera sees the one that is worn, whatever the picture's size in pixels.
+    They are as large in the picture as fingers are in a field of view of 14 cm, whatever its size in pixels.
     """
     height, width = picture.shape
     camera = resized(Camera(), width, height)

@@ -1,73 +1,56 @@
-"""What the camera looks at: the finger and the exosuit worn above it, as two tubes."""
+"""What a camera looks at: the tubes of a system, in the order in which it names them."""
 
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose
-from exosight.exosuit.shapes import radius
-from exosight.system.camera import Camera
-from exosight.vision.lighting import EXOSUIT_SHADE, FINGER_SHADE, Lighting
+from exosight.arrays import AnyArray
+from exosight.errors import InputError
+from exosight.system.system import System
+from exosight.vision.lighting import Lighting
 from exosight.vision.renderer import BACKGROUND, Tube, render
+
+Axes = Mapping[str, Float[AnyArray, "frames nodes 3"]]
+"""The axis of every tube in each frame, by its name, as `exosight.system.observation` gives it [m]."""
 
 
 def tubes(
-    centreline: Float[np.ndarray, "frames points 3"],
-    rod_radii: Float[np.ndarray, "#frames points"] | Float[np.ndarray, " points"],
-    finger: Float[np.ndarray, "frames nodes 3"],
-    finger_radii: Float[np.ndarray, "#frames nodes"] | Float[np.ndarray, " nodes"],
-    finger_shade: float | Float[np.ndarray, " frames"] = FINGER_SHADE,
-    exosuit_shade: float | Float[np.ndarray, " frames"] = EXOSUIT_SHADE,
-) -> tuple[Tube, Tube]:
-    """The finger and the exosuit, in the order in which they are drawn.
+    system: System, axes: Axes, shades: Sequence[float | Float[np.ndarray, " frames"]] | None = None
+) -> tuple[Tube, ...]:
+    """The tubes of a system, to pass to `exosight.vision.render`; later ones are drawn over earlier ones.
 
-    The exosuit is drawn last: where the bodies press on each other, the picture shows its whole outline.
+    system   one for all frames, or stacked: one a frame
+    shades   gray of each tube, one for all frames or one a frame; by default the system's own
 
-    centreline    (frames, points, 3)           the exosuit's axis [m]
-    rod_radii     (points,) or (frames, points) the exosuit's radius along it [m]
-    finger        (frames, nodes, 3)            joints and tip of the finger [m]
-    finger_radii  (nodes,) or (frames, nodes)   the finger's radius there [m]
-    returns       the tubes to pass to `exosight.vision.render`
-
-    Raises InputError if shapes differ or a number is not finite.
+    Raises InputError if there is no axis of a tube, shapes differ or a number is not finite.
     """
-    return (
-        Tube(finger, _for_each_frame(finger_radii, finger), finger_shade),
-        Tube(centreline, _for_each_frame(rod_radii, centreline), exosuit_shade),
-    )
+    missing = [tube.name for tube in system.tubes if tube.name not in axes]
+    if missing:
+        raise InputError(f"axes: expected one of each tube, got none of {missing[0]}; observe this system")
+    shades = [tube.shade for tube in system.tubes] if shades is None else shades
+    found = []
+    for tube, shade in zip(system.tubes, shades, strict=True):
+        axis, radius = np.asarray(axes[tube.name], float), np.asarray(tube.radius, float)
+        found.append(Tube(axis, np.tile(radius, (len(axis), 1)) if radius.ndim == 1 else radius, shade))
+    return tuple(found)
 
 
 def picture(
-    exosuit: Exosuit, pose: Pose, camera: Camera, lighting: Lighting | None = None
+    system: System, axes: Axes, lighting: Lighting | None = None, camera: str | None = None
 ) -> UInt8[np.ndarray, "frames height width"]:
-    """Gray pictures of a worn exosuit.
+    """Gray pictures of a system.
 
-    pose      of this exosuit, with one batch dimension: the frames
     lighting  shades and light of each frame; by default the nominal ones
+    camera    name of the system's camera; the first by default
     returns   (frames, height, width)  gray 0…255
     """
-    bodies = _bodies(exosuit, pose)
     if lighting is None:
-        return render(tubes(*bodies), camera)
-    return render(tubes(*bodies, lighting.finger_shade, lighting.exosuit_shade), camera, lighting.light)
+        return render(tubes(system, axes), system.camera(camera))
+    return render(tubes(system, axes, list(lighting.shades.T)), system.camera(camera), lighting.light)
 
 
-def cover(exosuit: Exosuit, pose: Pose, camera: Camera) -> UInt8[np.ndarray, "frames height width"]:
-    """How much of each pixel finger and exosuit cover, 0…255, as `exosight.vision.augment` takes it."""
-    black = render(tubes(*_bodies(exosuit, pose), 0.0, 0.0), camera)
+def cover(system: System, axes: Axes, camera: str | None = None) -> UInt8[np.ndarray, "frames height width"]:
+    """How much of each pixel the tubes cover, 0…255, as `exosight.vision.augment` takes it."""
+    black = render(tubes(system, axes, [0.0] * len(system.tubes)), system.camera(camera))
     return np.rint((1 - np.arange(BACKGROUND + 1) / BACKGROUND) * 255).astype(np.uint8)[black]
-
-
-def _bodies(exosuit: Exosuit, pose: Pose) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    return (
-        np.asarray(pose.centreline),
-        radius(exosuit.shape.surface, QUADRATURE.points),
-        np.asarray(pose.finger),
-        np.asarray(exosuit.finger.radii),
-    )
-
-
-def _for_each_frame(radii: Any, centres: Any) -> Any:
-    """Radii of the nodes, repeated where every frame has the same; `Tube` judges the shape."""
-    return np.tile(radii, (len(centres), 1)) if radii.ndim == 1 else radii

@@ -9,32 +9,34 @@ then tilt_y, in front of a pinhole DISTANCE picture widths away. The lens is the
 form both ways: Fitzgibbon, doi 10.1109/CVPR.2001.990465.
 """
 
+from collections.abc import Mapping
 from typing import no_type_check
 
 import cv2
 import numpy as np
 from jaxtyping import Float, Float64, UInt8
 
-from exosight.vision.appearance import Appearance
 from exosight.vision.compiling import compiled
 
 DISTANCE = 4.0
 """From the camera to the scene, in widths of the picture: 56 cm for the nominal field of view of 14 cm."""
 
 Picture = UInt8[np.ndarray, "height width"]
+Columns = Mapping[str, Float[np.ndarray, " frames"]]
+"""Those of a `View`, by name."""
 
 
-def homographies(appearance: Appearance, width: int, height: int) -> Float64[np.ndarray, "frames 3 3"]:
+def homographies(columns: Columns, width: int, height: int) -> Float64[np.ndarray, "frames 3 3"]:
     """The part of a view before its lens: d → e, homogeneous [pixels]."""
-    roll, zoom = appearance.roll, appearance.zoom
+    roll, zoom = columns["roll"], columns["zoom"]
     zero, one = np.zeros_like(roll), np.ones_like(roll)
     turned = _matrix(
         (zoom * np.cos(roll), -zoom * np.sin(roll), zero),
         (zoom * np.sin(roll), zoom * np.cos(roll), zero),
         (zero, zero, one),
     )
-    sin_x, cos_x = np.sin(appearance.tilt_x), np.cos(appearance.tilt_x)
-    sin_y, cos_y = np.sin(appearance.tilt_y), np.cos(appearance.tilt_y)
+    sin_x, cos_x = np.sin(columns["tilt_x"]), np.cos(columns["tilt_x"])
+    sin_y, cos_y = np.sin(columns["tilt_y"]), np.cos(columns["tilt_y"])
     # Points (x, y, 0) of the scene, turned in space; depth grows away from the camera.
     far = DISTANCE * width
     tilted = _matrix(
@@ -44,7 +46,7 @@ def homographies(appearance: Appearance, width: int, height: int) -> Float64[np.
 
 
 def moved(
-    appearance: Appearance, points: Float[np.ndarray, "frames points 2"], width: int, height: int
+    columns: Columns, points: Float[np.ndarray, "frames points 2"], width: int, height: int
 ) -> Float64[np.ndarray, "frames points 2"]:
     """Where points of the nominal pictures are seen.
 
@@ -54,13 +56,13 @@ def moved(
     """
     middle = np.array([width, height]) / 2
     d = np.concatenate([points - middle, np.ones((*points.shape[:2], 1))], axis=-1)
-    e = d @ np.swapaxes(homographies(appearance, width, height), 1, 2)
+    e = d @ np.swapaxes(homographies(columns, width, height), 1, 2)
     e = e[..., :2] / e[..., 2:]
     # With x = k |e|²/ρ², s = |d'|/|e| is the smaller root of x s² − s + 1 = 0. Beyond x = ¼ nothing is seen.
     corner = np.sum(middle**2)
-    x = appearance.distortion[:, None, None] * np.sum(e**2, axis=-1, keepdims=True) / corner
+    x = columns["distortion"][:, None, None] * np.sum(e**2, axis=-1, keepdims=True) / corner
     stretch = 2 / (1 + np.sqrt(np.maximum(1 - 4 * x, 0)))
-    shift = np.stack([appearance.shift_x * width, appearance.shift_y * height], axis=-1)
+    shift = np.stack([columns["shift_x"] * width, columns["shift_y"] * height], axis=-1)
     return middle + shift[:, None] + stretch * e
 
 

@@ -1,12 +1,14 @@
 """What reaches a controller of many plants: late, lost, repeated and spoilt frames."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy import SCHEMA
 
 from exosight.control import OnnxEstimator
-from exosight.control.batch import BatchPlant
+from exosight.control.batch import BatchPlant, BatchState
 from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import Burst, Episode, draw_episode
@@ -16,12 +18,6 @@ from exosight.vision import BACKGROUND, Camera
 QUIET = StressConfig(dropped=(0.0, 0.0), repeated=(0.0, 0.0), bursts=0, latency=(0.0, 0.0))
 
 
-@dataclass
-class State:
-    u: np.ndarray
-    forces: np.ndarray
-
-
 class Plants(BatchPlant):
     """Two plants whose C3 shows what they are told to."""
 
@@ -29,13 +25,14 @@ class Plants(BatchPlant):
         self.at(0.0)
 
     @property
-    def state(self) -> State:
+    def state(self) -> BatchState:
         return self._seen
 
     def at(self, force: float) -> "Plants":
-        forces = np.zeros((2, 8))
-        forces[:, 3] = force
-        self._seen = State(np.full(2, 10 * force), forces)
+        readings = np.zeros((2, len(SCHEMA.sensors)))
+        readings[:, SCHEMA.index("C3")] = force
+        commands = np.full((2, 1), 10 * force)
+        self._seen = BatchState(SCHEMA, commands, readings, np.zeros((2, 1)), np.ones(2, bool), {})
         return self
 
     def pictures(self, camera: Camera, which: np.ndarray) -> np.ndarray:
@@ -44,9 +41,11 @@ class Plants(BatchPlant):
         return images
 
 
-def episodes(**changes) -> list[Episode]:
-    drawn = [draw_episode(QUIET, 0, number, Camera()) for number in range(2)]
-    return [replace(episode, **changes) for episode in drawn]
+@pytest.fixture
+def episodes(plants) -> Callable[..., list[Episode]]:
+    """Two quiet episodes, changed as a test says."""
+    drawn = [draw_episode(QUIET, 0, number, plants) for number in range(2)]
+    return lambda **changes: [replace(episode, **changes) for episode in drawn]
 
 
 def told(frames: FrameDelivery, plants: Plants, force: float, step: int):
@@ -55,7 +54,7 @@ def told(frames: FrameDelivery, plants: Plants, force: float, step: int):
 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])
-def test_frames_are_as_old_as_they_say_and_come_with_the_u_of_their_time(latency):
+def test_frames_are_as_old_as_they_say_and_come_with_the_u_of_their_time(episodes, latency):
     plants, frames = Plants(), FrameDelivery(episodes(latency=latency), true_sensor)
     forces = [0.0, 0.1, 0.2, 0.3, 0.4]
     for step, force in enumerate(forces):
@@ -63,10 +62,10 @@ def test_frames_are_as_old_as_they_say_and_come_with_the_u_of_their_time(latency
         then = forces[max(step - latency, 0)]  # before the first step the plant stood at rest
         assert seen == pytest.approx(then)
         assert measurement.age == pytest.approx(0.1 * latency)
-        assert measurement.u == pytest.approx(10 * then)
+        assert measurement.commands == pytest.approx([10 * then])
 
 
-def test_a_lost_frame_tells_nothing_and_a_repeated_one_the_last_thing_again():
+def test_a_lost_frame_tells_nothing_and_a_repeated_one_the_last_thing_again(episodes):
     steps = len(episodes()[0].target)
     lost, again = np.zeros(steps, bool), np.zeros(steps, bool)
     lost[1], again[3] = True, True
@@ -80,10 +79,10 @@ def test_a_lost_frame_tells_nothing_and_a_repeated_one_the_last_thing_again():
     repeated, measurement = told(frames, plants, 0.4, 3)
     assert repeated == pytest.approx(0.3)
     np.testing.assert_array_equal(measurement.image, before.image)
-    assert measurement.u == pytest.approx(4.0)  # the plant itself is not fooled
+    assert measurement.commands == pytest.approx([4.0])  # the plant itself is not fooled
 
 
-def test_bytes_stand_for_pictures_where_there_is_no_camera():
+def test_bytes_stand_for_pictures_where_there_is_no_camera(episodes):
     plants = Plants()
     (first, _), _ = true_sensor(plants.at(0.1), episodes(), 0)
     (same, _), _ = true_sensor(plants.at(0.1), episodes(), 1)
@@ -93,7 +92,7 @@ def test_bytes_stand_for_pictures_where_there_is_no_camera():
     assert np.ptp(first) == 255  # not black
 
 
-def test_noise_scatters_true_forces_and_what_hides_the_picture_is_noticed():
+def test_noise_scatters_true_forces_and_what_hides_the_picture_is_noticed(episodes):
     noisy, hidden = Burst(0, 4, 0.0, 0.1, 3), Burst(3, 9, 0.3, 0.0, 4)
     own, plants = episodes(bursts=(noisy, hidden)), Plants()
     for step, (scatters, ood) in {0: (True, False), 4: (True, True), 9: (False, True)}.items():
@@ -104,7 +103,7 @@ def test_noise_scatters_true_forces_and_what_hides_the_picture_is_noticed():
     np.testing.assert_array_equal(*again)  # the same each time
 
 
-def test_a_cameras_picture_is_noisy_or_hidden_as_long_as_the_spell_lasts():
+def test_a_cameras_picture_is_noisy_or_hidden_as_long_as_the_spell_lasts(episodes):
     class Looks:
         def read(self, images: np.ndarray, level: float = 0.9) -> Reading:
             self.images = images.copy()
@@ -125,7 +124,7 @@ def test_a_cameras_picture_is_noisy_or_hidden_as_long_as_the_spell_lasts():
     assert changed[6] > 0.8
 
 
-def test_the_networks_own_numbers_reach_the_controller():
+def test_the_networks_own_numbers_reach_the_controller(episodes):
     estimator, plants = OnnxEstimator.load(DEFAULT_MODEL), Plants()
     measurements = FrameDelivery(episodes(camera=Camera()), camera_sensor(estimator)).measurements(plants, 0)
     expected = estimator.read(plants.pictures(Camera(), np.array([0])))

@@ -2,47 +2,35 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
+from toy import controller, straight
 
-from exosight.control import ControllerConfig, ForcePath, State, Transition
+from exosight.control import State, Transition
 from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import draw_episode
 from exosight.control.stress.measures import measure_episode, summary
 from exosight.control.stress.suite import Traces
-from exosight.vision import Camera
 
 SHORT = StressConfig(hold_seconds=2.0, release_seconds=1.5)  # 20 and 15 steps
 
 
-def straight(u: np.ndarray) -> ForcePath:
-    forces = np.zeros((len(u), 7))
-    forces[:, 2] = 0.1 * np.maximum(u, 0.0)
-    return ForcePath(u, forces, np.zeros(len(u), bool))
+LIMITS = controller(straight(np.linspace(0.0, 5.0, 11)), straight(np.linspace(5.0, -1.0, 13)), limit=0.5)
 
 
-LIMITS = ControllerConfig(
-    loading=straight(np.linspace(0.0, 5.0, 11)),
-    unloading=straight(np.linspace(5.0, -1.0, 13)),
-    contact_limit=np.full(7, 0.5),
-    rate=10.0,
-    period=0.1,
-    smallest_gain=5.0,
-    largest_gain=20.0,
-)
-
-
-def measured(net: np.ndarray, u: np.ndarray | None = None, target: float = 0.2, kind: str = "constant"):
-    episode = draw_episode(SHORT, 0, 0, Camera())
+def measure(plants, net: np.ndarray, u: np.ndarray | None = None, target: float = 0.2, kind="constant"):
+    episode = draw_episode(SHORT, 0, 0, plants)
     goal = np.append(np.full(20, target), np.zeros(15))
     episode = replace(episode, kind=kind, target=goal)
     forces = np.zeros((1, 35, 7))
     forces[0, :, 3] = net
     traces = Traces(
         target=goal[None],
-        u=np.zeros((1, 35)) if u is None else u[None],
-        forces=forces,
+        command=np.zeros((1, 35)) if u is None else u[None],
+        outputs=forces,
+        true=net[None],
         estimated=net[None],
         converged=np.ones((1, 35), bool),
         logs=((Transition(3, State.NORMAL, State.HOLD, "a stale frame, 0.61 s old"),),),
@@ -50,7 +38,12 @@ def measured(net: np.ndarray, u: np.ndarray | None = None, target: float = 0.2, 
     return measure_episode(episode, traces, 0, LIMITS), traces
 
 
-def test_a_perfect_episode():
+@pytest.fixture
+def measured(plants):
+    return partial(measure, plants)
+
+
+def test_a_perfect_episode(measured):
     net = np.append(np.full(20, 0.2), np.zeros(15))
     found, _ = measured(net)
     assert found.settling_steps == found.overshoot_percent == found.steady_state_percent == 0
@@ -61,7 +54,7 @@ def test_a_perfect_episode():
     assert not found.given_up
 
 
-def test_overshoot_limits_and_release_are_told_in_their_units():
+def test_overshoot_limits_and_release_are_told_in_their_units(measured):
     net = np.append(np.full(20, 0.2), np.zeros(15))
     net[2:5] = 0.6  # 200 % above; beyond 0.5 N for 0.3 s
     net[20:26] = 0.1  # released after 0.6 s
@@ -73,7 +66,7 @@ def test_overshoot_limits_and_release_are_told_in_their_units():
     assert found.release_seconds == pytest.approx(0.6)
 
 
-def test_what_still_presses_in_the_end_has_not_recovered_and_was_never_released():
+def test_what_still_presses_in_the_end_has_not_recovered_and_was_never_released(measured):
     net = np.append(np.full(20, 0.2), np.full(15, 0.006))
     found, traces = measured(net)
     assert not found.recovered
@@ -82,7 +75,7 @@ def test_what_still_presses_in_the_end_has_not_recovered_and_was_never_released(
     assert (told["unrecovered"], told["released_late"], told["release_seconds"]) == (1, 1, None)
 
 
-def test_late_is_more_than_a_second():
+def test_late_is_more_than_a_second(measured):
     for steps, late in ((10, 0), (11, 1)):
         net = np.append(np.full(20, 0.2), np.zeros(15))
         net[20 : 20 + steps] = 0.1
@@ -90,7 +83,7 @@ def test_late_is_more_than_a_second():
         assert summary([found], traces)["released_late"] == late
 
 
-def test_commands_beyond_amplitude_and_rate_are_counted():
+def test_commands_beyond_amplitude_and_rate_are_counted(measured):
     u = np.zeros(35)
     u[5:] = 1.0  # within the rate of 1 N a step
     u[10] = 2.1  # beyond the rate up, and down again
@@ -102,7 +95,7 @@ def test_commands_beyond_amplitude_and_rate_are_counted():
     assert found.commands_outside == int((u > 5.0 + 1e-9).sum()) > 0
 
 
-def test_a_target_that_moves_is_judged_on_its_tracking_alone():
+def test_a_target_that_moves_is_judged_on_its_tracking_alone(measured):
     net = np.append(np.full(20, 0.2), np.zeros(15))
     net[:20] += 0.03
     found, traces = measured(net, kind="sine")
@@ -114,6 +107,6 @@ def test_a_target_that_moves_is_judged_on_its_tracking_alone():
     assert told["tracking_error"]["sine"]["median"] == pytest.approx(0.03)
 
 
-def test_the_summary_counts_causes_without_their_numbers():
+def test_the_summary_counts_causes_without_their_numbers(measured):
     found, traces = measured(np.append(np.full(20, 0.2), np.zeros(15)))
     assert summary([found], traces)["transitions"] == {"hold: a stale frame, … s old": 1}

@@ -11,9 +11,9 @@ from exosight.control.stress.episodes import Episode, draw_episode
 from exosight.control.stress.frames import true_sensor
 from exosight.control.stress.measures import measure_episode, summary
 from exosight.control.stress.suite import Traces, Unguarded, run_episodes
-from exosight.control.tuning import tune
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 from exosight.vision import Camera, resized
 
 SHORT = StressConfig(hold_seconds=1.5, release_seconds=1.5)
@@ -21,18 +21,18 @@ COUNT = 10  # as many plants as in the other tests, so that all share their comp
 
 
 @pytest.fixture(scope="module")
-def config() -> ControllerConfig:
-    return tune(Exosuit(CONTROL_SHAPE))
+def config(plants) -> ControllerConfig:
+    return plants.limits
 
 
 @pytest.fixture(scope="module")
-def episodes() -> list[Episode]:
-    return [draw_episode(SHORT, 0, number, Camera()) for number in range(COUNT)]
+def episodes(plants) -> list[Episode]:
+    return [draw_episode(SHORT, 0, number, plants) for number in range(COUNT)]
 
 
 @pytest.fixture(scope="module")
 def guarded(config, episodes) -> Traces:
-    return run_episodes(episodes, [Guarded(Scheduled(config)) for _ in episodes], true_sensor)
+    return run_episodes(episodes, [Guarded(Scheduled(config)) for _ in episodes], true_sensor, config)
 
 
 def test_whatever_goes_wrong_commands_stay_within_limits_and_the_finger_is_let_go(config, episodes, guarded):
@@ -40,11 +40,11 @@ def test_whatever_goes_wrong_commands_stay_within_limits_and_the_finger_is_let_g
     found = summary(measured, guarded)
     assert found["commands_outside"] == found["unrecovered"] == found["released_late"] == 0
     assert found["without_a_pose"] == 0
-    assert guarded.net[:, -1].max() < RELEASED
-    assert guarded.net.max() > 0.1  # it did press
+    assert guarded.true[:, -1].max() < RELEASED
+    assert guarded.true.max() > 0.1  # it did press
 
 
-def test_without_trouble_it_does_what_one_plant_alone_does(config):
+def test_without_trouble_it_does_what_one_plant_alone_does(config, plants):
     calm = StressConfig(
         hold_seconds=1.5,
         release_seconds=1.5,
@@ -56,22 +56,25 @@ def test_without_trouble_it_does_what_one_plant_alone_does(config):
         wrong_camera=False,
         moving_user=False,
     )
-    own = [draw_episode(calm, 0, number, Camera()) for number in range(COUNT)]
-    traces = run_episodes(own, [Unguarded(Proportional(5.0)) for _ in own], true_sensor)
-    law, plant = Proportional(5.0), SimulatedPlant(Exosuit(CONTROL_SHAPE), resized(Camera(), 48, 32))
+    own = [draw_episode(calm, 0, number, plants) for number in range(COUNT)]
+    traces = run_episodes(
+        own, [Unguarded(Proportional(5.0, config.driven), config.weights) for _ in own], true_sensor, config
+    )
+    small = published(Exosuit(CONTROL_SHAPE), resized(Camera(), 48, 32))
+    law, plant = Proportional(5.0, config.driven), SimulatedPlant(small)
     seen = plant.reset()
     for step in range(1, len(own[1].target)):
-        seen = plant.apply(law.next(float(own[1].target[step]), seen.net_force))
+        seen = plant.apply(np.array([law.next(float(own[1].target[step]), seen.reading("F_net"))]))
         # Forces are told in single precision, and a gain of 5 feeds their round-off back.
-        assert traces.net[1, step] == pytest.approx(seen.net_force, abs=1e-5)
-        assert traces.u[1, step] == pytest.approx(seen.u, abs=1e-4)
+        assert traces.true[1, step] == pytest.approx(seen.reading("F_net"), abs=1e-5)
+        assert traces.command[1, step] == pytest.approx(seen.commands[0], abs=1e-4)
 
 
-def test_every_step_is_told_as_it_passes_and_the_logs_are_kept(config, episodes):
+def test_every_step_is_told_as_it_passes_and_the_logs_are_kept(config, plants):
     steps = []
-    short = [draw_episode(SHORT, 5, number, Camera()) for number in range(COUNT)]
+    short = [draw_episode(SHORT, 5, number, plants) for number in range(COUNT)]
     controllers = [Guarded(Scheduled(config)) for _ in short]
-    traces = run_episodes(short, controllers, true_sensor, lambda step, of: steps.append((step, of)))
+    traces = run_episodes(short, controllers, true_sensor, config, lambda step, of: steps.append((step, of)))
     assert steps == [(step, 29) for step in range(1, 30)]
     assert [list(log) for log in traces.logs] == [controller.log for controller in controllers]
     assert np.isnan(traces.estimated[:, 1:]).sum() == sum(int(e.lost[:-1].sum()) for e in short)
@@ -79,6 +82,6 @@ def test_every_step_is_told_as_it_passes_and_the_logs_are_kept(config, episodes)
 
 def test_bad_batches_are_refused(config, episodes):
     with pytest.raises(InputError, match="episodes: expected one or more"):
-        run_episodes([], [], true_sensor)
+        run_episodes([], [], true_sensor, config)
     with pytest.raises(InputError, match="each with a controller"):
-        run_episodes(episodes, [Guarded(Scheduled(config))], true_sensor)
+        run_episodes(episodes, [Guarded(Scheduled(config))], true_sensor, config)

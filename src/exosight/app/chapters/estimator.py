@@ -7,19 +7,23 @@ import numpy as np
 from exosight.app.report import Block, Picture, Section
 from exosight.app.results import Judgement, RobustnessSummary, TrainingRun
 from exosight.evaluation import figures, published
+from exosight.evaluation.naming import kind, span, sums
 from exosight.evaluation.tables import (
     Column,
     Table,
-    contact_table,
     count_text,
     largest_table,
     mean_table,
     robustness_table,
+    sensor_table,
 )
 
 
-def learning(runs: Sequence[TrainingRun]) -> Section:
-    """Show how each network was trained."""
+def learning(runs: Sequence[TrainingRun], outputs: Sequence[str]) -> Section:
+    """Show how each network was trained.
+
+    outputs   names of the estimated sensors
+    """
     columns = (
         Column("network"),
         Column("parameters"),
@@ -39,7 +43,7 @@ def learning(runs: Sequence[TrainingRun]) -> Section:
     note = (
         f"The paper: {count_text(published.PARAMETERS)} parameters, {published.EPOCHS} epochs, "
         f"{published.TRAINING_MINUTES:g} min on a Titan Xp. The validation error is the mean absolute error "
-        "over C1…C7 in the best epoch, whose network is kept."
+        f"over {span(outputs)} in the best epoch, whose network is kept."
     )
     blocks: list[Block] = [Table("training", "Training runs", columns, rows, note)]
     for run in runs:
@@ -57,6 +61,9 @@ def learning(runs: Sequence[TrainingRun]) -> Section:
 def accuracy(judgements: Sequence[Judgement]) -> Section:
     """Compare estimated with true forces on the test frames; the figures show the first judgement."""
     first = judgements[0]
+    schema, shown = first.schema, (first.schema, first.true, first.estimated)
+    outputs, number = span(schema.outputs), len(schema.outputs) + len(sums(schema))
+    panels = " and ".join([outputs, *sums(schema)])
     blocks: list[Block] = [
         "All numbers are for test frames, of which the network has learned nothing. RMSE is the root mean "
         "square error, RMS% the same over the range of the true force, and r Pearson's correlation.",
@@ -64,31 +71,31 @@ def accuracy(judgements: Sequence[Judgement]) -> Section:
     if len(judgements) > 1:
         means = {judgement.name: judgement.scores for judgement in judgements}
         note = "The paper's values are for its split by frame and stand in every row for comparison."
-        blocks.append(mean_table("accuracy", "Mean ± SD over C1…C7", means, "network, split", note))
+        blocks.append(mean_table("accuracy", f"Mean ± SD over {outputs}", means, "network, split", note))
     blocks += [
-        contact_table(f"contacts_{number}", f"Each contact: {judgement.name}", judgement.scores)
-        for number, judgement in enumerate(judgements, start=1)
+        sensor_table(f"{kind(schema)}s_{place}", f"Each {kind(schema)}: {judgement.name}", judgement.scores)
+        for place, judgement in enumerate(judgements, start=1)
     ]
     blocks += [
         largest_table("largest_forces", f"Largest forces: {first.name}", first.scores),
         Picture(
-            figures.sample_traces(first.true, first.estimated),
+            figures.sample_traces(*shown),
             "True and estimated force for a random set of test frames, a panel a contact; gray lines are "
             f"the errors ({first.name}).",
-            "Eight panels, C1 to C7 and F_net, each with true and estimated forces of random frames.",
+            f"{number} panels, {panels}, each with true and estimated forces of random frames.",
         ),
         Picture(
-            figures.predicted_against_true(first.true, first.estimated),
+            figures.predicted_against_true(*shown),
             f"Estimated over true force for all {count_text(len(first.true))} test frames; a perfect "
             f"estimate lies on the line ({first.name}).",
-            "Eight density plots, C1 to C7 and F_net, of estimated over true force with the identity line.",
+            f"{number} density plots, {panels}, of estimated over true force with the identity line.",
         ),
         Picture(
-            figures.rainclouds(first.true, first.estimated),
+            figures.rainclouds(*shown),
             "Distribution of estimated (above) and true (below) forces in the test frames in which the "
             "contact touches, and the share of these among all. Cloud: density; box: quartiles and median; "
             f"points: up to 300 frames ({first.name}).",
-            "Eight raincloud plots, C1 to C7 and F_net: estimated distribution above, true below.",
+            f"{number} raincloud plots, {panels}: estimated distribution above, true below.",
         ),
     ]
     return Section("Accuracy", tuple(blocks))
@@ -96,6 +103,7 @@ def accuracy(judgements: Sequence[Judgement]) -> Section:
 
 def robustness_section(robustness: RobustnessSummary) -> Section:
     """Show what noise and low contrast do to the estimate."""
+    outputs = span(next(iter(robustness.cases.values())).schema.outputs)
     learned = (
         "It has learned from pictures with noise and other grays, drawn anew, as well; the paper's has not."
         if robustness.learned
@@ -111,10 +119,10 @@ def robustness_section(robustness: RobustnessSummary) -> Section:
                 "Test frames, clean and degraded.",
                 "A grid of gray images: clean, three levels of noise, two levels of lowered contrast.",
             ),
-            robustness_table("robustness", "Mean ± SD over C1…C7 on degraded images", robustness.cases),
+            robustness_table("robustness", f"Mean ± SD over {outputs} on degraded images", robustness.cases),
             Picture(
                 figures.robustness_bars(robustness.cases),
-                "Error and correlation on degraded images beside the paper's, mean ± SD over C1…C7.",
+                f"Error and correlation on degraded images beside the paper's, mean ± SD over {outputs}.",
                 "Bar charts of RMSE, RMS% and r for six kinds of images, this study beside the paper.",
             ),
         ),

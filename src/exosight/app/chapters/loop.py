@@ -76,7 +76,7 @@ def _steady_table(runs: Sequence[LoopRun], suffix: str) -> Table:
     rows = tuple(
         (
             *(target_of(run), run.settling_steps, published_steps(run)),
-            *(run.overshoot, run.steady_state_error, float(run.trace.u.max())),
+            *(run.overshoot, run.steady_state_error, float(run.trace.command.max())),
         )
         for run in runs
     )
@@ -98,11 +98,11 @@ def _step_table(runs: Sequence[LoopRun], suffix: str) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for run in runs:
         trace = run.trace
-        force, held = trace.F_net_true, np.flatnonzero(trace.target > 0)
+        force, held = trace.true, np.flatnonzero(trace.target > 0)
         rows.append(
             (
                 *(run.gain, float(force[held[-1]]), float(force.max()), float(force[-1])),
-                *(float(trace.u.max()), float(trace.u.min()), told.get(run.gain)),
+                *(float(trace.command.max()), float(trace.command.min()), told.get(run.gain)),
             )
         )
     caption = f"Step to {target_of(runs[0]):g} N and back to 0 N"

@@ -6,6 +6,7 @@ from exosight.app.chapters.loop import published_steps, target_of
 from exosight.app.report import Listing, Points, Section
 from exosight.app.results import Judgement, RobustnessSummary, SteeredLoop, TrainingRun
 from exosight.evaluation import published
+from exosight.evaluation.naming import span
 from exosight.evaluation.tables import Cell, Column, Table
 
 
@@ -16,13 +17,14 @@ def headline(
     loops: Sequence[SteeredLoop],
 ) -> Section:
     """Put the numbers that matter beside the paper's."""
+    group = f"mean over {span(judgements[0].schema.outputs)}"
     columns = (
         Column("network, split"),
         Column("frames learned"),
-        Column("r", "", "mean over C1…C7", 2),
-        Column("RMS%", "%", "mean over C1…C7", 2),
-        Column("RMSE", "N", "mean over C1…C7", 3),
-        Column("r, noisy", "", "mean over C1…C7", 2),
+        Column("r", "", group, 2),
+        Column("RMS%", "%", group, 2),
+        Column("RMSE", "N", group, 3),
+        Column("r, noisy", "", group, 2),
         *(
             Column(f"{target_of(run):.2f}\N{NO-BREAK SPACE}N", "", "steps to settle at")
             for run in loops[0].steady
@@ -56,7 +58,7 @@ def headline(
     )
     note = (
         "r: Pearson's correlation of estimated and true force; RMS%: error as a share of the range of the "
-        "true force; noisy: test images with noise of variance 0.01; ±: standard deviation over the seven "
+        "true force; noisy: test images with noise of variance 0.01; ±: standard deviation over the "
         "contacts. Settling is that of the closed loop, for the networks that steer it. A dash means that "
         "there is no such number: not asked for, or not settled."
     )
@@ -82,7 +84,7 @@ def limits() -> Section:
                 (
                     "It has never seen a real finger, a real exosuit or a real camera. Materials, skin, "
                     "light, background and a camera that moves are not in the data.",
-                    "Contact is a frictionless push between spheres. The finger carries eight of them, "
+                    "Contact is a frictionless push between spheres. The finger carries a few of them, "
                     "with gaps between that a bent rod can slip into, and the true forces are those of "
                     "this model.",
                     "Every pose is a rest pose. Inertia and the silicone's damping play no part, so a fast "
@@ -93,10 +95,10 @@ def limits() -> Section:
                     f"The actuation in the training data ends at {published.TRAINING_LIMIT:g} N and never "
                     "pulls. Beyond that, and for shapes outside the five families, an estimate is "
                     "extrapolated.",
-                    "The image must show the side view at the scale that was learned. Seven numbers come out "
+                    "The image must show the side view at the scale that was learned. Forces come out "
                     "of any image of the right size, whether or not it shows a finger. `exosight estimate` "
-                    "adds intervals, and a score for images unlike those learned from; the loop above looks "
-                    "at neither.",
+                    "adds intervals, and an OOD score that flags images that differ from the training data; "
+                    "the loop above uses neither.",
                 )
             ),
         ),

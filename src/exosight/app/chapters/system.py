@@ -6,28 +6,32 @@ from matplotlib.figure import Figure
 from exosight.app.report import Picture, Section
 from exosight.app.results import DataSummary, PathSummary
 from exosight.evaluation import figures, published
+from exosight.evaluation.naming import contacts, span
 from exosight.evaluation.tables import OURS, PAPER, Cell, Column, Table
+from exosight.system.schema import Schema
 
 
-def introduction(overview: Figure) -> Section:
+def introduction(overview: Figure, schema: Schema) -> Section:
     """Say what the system is to a reader who meets it for the first time."""
+    outputs, spheres = span(schema.outputs), span(contacts(schema))
     return Section(
         "What this is",
         (
             "A soft exosuit is a silicone rod worn along the back of a finger. Actuated, it bends and "
             "pushes the finger closed. How hard it pushes, and where, is difficult to measure: a sensor "
             "between skin and silicone is in the way. Here the forces are read from a picture instead. A "
-            "network looks at one small gray image of finger and exosuit and answers with seven forces in "
-            "newtons, one for each place C1…C7 on the finger where the two may touch. Their sum is F_net, "
-            "the net force on the finger, and a controller can use it in place of a sensor.",
+            "network takes one small gray image of finger and exosuit and estimates forces in newtons, one "
+            f"for each place {outputs} on the finger where the two may touch. Their sum is "
+            f"{schema.controlled}, the net force on the finger, and a controller can use it in place of a "
+            "sensor.",
             Picture(
                 overview,
                 "From pose to forces. 1: the exosuit is clamped beside the base of the finger; the "
                 "actuation u acts along the line on its back. Circles are the spheres of the contact "
-                "model, C0…C7, on three phalanges and the fingertip. 2: the camera image of this pose, the "
-                "network's only input. 3: its answer beside the true forces of the simulation.",
-                "Side view of a bent soft exosuit on a finger with the contacts C0 to C7 named, the gray "
-                "camera image of the same pose, and a bar chart of true and estimated forces at C1 to C7.",
+                f"model, {spheres}, on three phalanges and the fingertip. 2: the camera image of this pose, "
+                "the network's only input. 3: its answer beside the true forces of the simulation.",
+                f"Side view of a bent soft exosuit on a finger with the contacts {spheres} named, the gray "
+                f"camera image of the same pose, and a bar chart of true and estimated forces at {outputs}.",
             ),
             f"Everything here is simulated. The system is the one of {published.SOURCE}, called the paper "
             "below; its results stand beside those of this study.",

@@ -1,42 +1,77 @@
-"""`exosight control`: the closed loop, with a network or the true force as its sensor."""
+"""`exosight control`: the closed loop, with a network or the true reading as its sensor."""
 
 from contextlib import nullcontext
+from typing import Annotated
 
-from exosight.app.commands.options import Json, MaybePath
+from pydantic import Field
+
+from exosight.app.commands.options import Json, MaybePath, Name, SystemName
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import new_folder
 
+Target = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
-def control(model: MaybePath = None, out: MaybePath = None, json: Json = None) -> None:
-    """Run the paper's six closed-loop trials on a simulated exosuit.
 
-    Constant targets 0.25, 0.30, 0.35 N with K_P = 5; and 0.2 N for 10 s, then 0 N, with K_P = 0.1, 1 and 100.
-    The sensor is a network that sees the camera image; without one it is the true force.
+def control(
+    system: SystemName = "published",
+    sensor: Name = None,
+    channel: Name = None,
+    targets: tuple[Target, ...] = (),
+    gains: tuple[Target, ...] = (),
+    model: MaybePath = None,
+    out: MaybePath = None,
+    json: Json = None,
+) -> None:
+    """Close the loop on a simulated system, with the paper's law.
 
-    Example:
+    The published system goes through the paper's six trials: constant targets 0.25, 0.30, 0.35 N with
+    K_P = 5; and 0.2 N for 10 s, then 0 N, with K_P = 0.1, 1 and 100. With another system, or any of the
+    options sensor, channel, targets and gains, each target is held for 10 s and then released, with each
+    gain. What is measured is the network's estimate from the camera image; without a network it is the true
+    reading.
+
+    Examples:
       exosight control --model results/light/model.onnx --out results/control
+      exosight control --system examples/systems/thumb.toml --targets 0.2 0.3
 
     Args:
-        model: exported network, from `exosight train`; without it the sensor is the true force
+        system: name of a preset, or a system file (*.toml)
+        sensor: the one that follows the targets; default: the first net force
+        channel: the one that is driven; default: the first
+        targets: of the sensor [its unit]; default: half of its largest reading within the limits
+        gains: K_P [channel's unit per sensor's]; default: half of what the steepest part of the path asks for
+        model: exported network, from `exosight train`; without it the sensor is the true reading
         out: folder for time series (CSV), figures (SVG), results and configuration (JSON); it must not exist
         json: write the results as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
-    from exosight.app.control_command import run_trials, summaries, trials_table, write_trials
-    from exosight.app.pipeline import camera_of
-    from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, true_force
+    from exosight.app.control_command import (
+        run_targets,
+        run_trials,
+        summaries,
+        trials_of,
+        trials_table,
+        write_trials,
+    )
+    from exosight.app.nominal import nominal_system
+    from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, true_reading
     from exosight.exosuit.assembly import Exosuit
-    from exosight.system.camera import Camera
+    from exosight.exosuit.catalogue import find_system
+    from exosight.exosuit.published import PublishedDesigns
 
+    designs = find_system(system)
+    estimator = None if model is None else OnnxEstimator.load(model)
+    driven = nominal_system(designs, Exosuit(CONTROL_SHAPE), estimator)
+    measure = true_reading(sensor) if estimator is None else from_image(estimator, driven.schema, sensor)
+    papers = isinstance(designs, PublishedDesigns) and not (sensor or channel or targets or gains)
     with new_folder(out) if out is not None else nullcontext() as folder:
-        camera, measure = Camera(), true_force
-        if model is not None:
-            estimator = OnnxEstimator.load(model)
-            camera, measure = camera_of(estimator.card), from_image(estimator)
-        trials = run_trials(Exosuit(CONTROL_SHAPE), camera, measure)
+        if papers:
+            trials = trials_of(run_trials(driven, measure))
+        else:
+            trials = run_targets(driven, measure, sensor, channel, targets, gains)
         if folder is not None:
-            write_trials(trials, model and str(model), camera, folder)
+            write_trials(trials, model and str(model), driven.camera(), folder)
     if out is not None:
         say(f"wrote {out}")
     if json is None:

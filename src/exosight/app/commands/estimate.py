@@ -1,7 +1,7 @@
-"""`exosight estimate`: contact forces from pictures."""
+"""`exosight estimate`: forces and other sensors from pictures."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
@@ -9,7 +9,12 @@ import tyro
 from exosight.app.commands.options import Json, MaybePath
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.errors import InputError
+from exosight.evaluation.naming import common_unit, forces_only, kind, row_name, sums
 from exosight.evaluation.tables import Column, Table
+
+if TYPE_CHECKING:
+    from exosight.control.estimator import Reading
+    from exosight.system.schema import Schema
 
 
 def estimate(
@@ -18,10 +23,10 @@ def estimate(
     level: float = 0.9,
     json: Json = None,
 ) -> None:
-    """Read the contact forces on C1 to C7 off pictures, with intervals, and say whether to trust them.
+    """Estimate contact forces, and other sensors of a system, from pictures, with intervals and OOD scores.
 
-    A picture is made gray and brought to the size that the network takes. It should show the plant as the
-    network's camera does: side view, finger to the right, on a bright background.
+    A picture is made gray and brought to the size that the network takes. It should show the system as
+    the network's camera does; for the shipped network: side view, finger to the right, bright background.
 
     Example:
       exosight estimate image.png
@@ -30,7 +35,7 @@ def estimate(
     Args:
         images: picture files (PNG, JPEG, TIFF)
         model: exported network, from `exosight train`; the one that comes with the package if left out
-        level: share of true forces that the intervals are to hold: 0.5, 0.8, 0.9, 0.95 or 0.99
+        level: share of true values that the intervals are to hold: 0.5, 0.8, 0.9, 0.95 or 0.99
         json: write the estimates as JSON to a new file, or to stdout with "-", instead of tables
     """
     check_json_target(json)
@@ -40,40 +45,67 @@ def estimate(
     if not images:
         raise InputError("estimate: expected at least one picture, got none; see exosight estimate --help")
     estimator = OnnxEstimator.load(model or DEFAULT_MODEL, alone=True)
-    card = estimator.card
+    schema = estimator.card.schema
+    height, width = estimator.card.image_size
     found = []
     for path in images:
-        picture = read_gray(path, card.image_width, card.image_height)
-        read = estimator.read(picture[None], level)
-        rows = [
-            {"contact": name, "force_N": force, "low_N": low, "high_N": high, "contact_probability": chance}
-            for name, force, low, high, chance in zip(
-                card.contacts,
-                *(np.round(x[0].astype(float), 6).tolist() for x in (read.forces, read.low, read.high)),
-                np.round(read.contact[0].astype(float), 4).tolist(),
-                strict=True,
-            )
-        ]
+        read = estimator.read(read_gray(path, width, height)[None], level)
+        rows, totals = _rows(schema, read), _totals(schema, read)
         ood_score = round(float(read.ood_score[0]), 3)
-        net = round(float(read.forces.sum()), 6)
-        found.append({"image": str(path), "F_net_N": net, "ood_score": ood_score, "contacts": rows})
+        named = {f"{name}_{schema.sensor(name).unit}": total for name, total in totals.items()}
+        found.append({"image": str(path), **named, "ood_score": ood_score, f"{kind(schema)}s": rows})
         if json is None:
-            cells = tuple(tuple(row.values()) for row in rows)
-            note = f"F_net {net:.3f} N"
-            show(Table("forces", f"{path}, {100 * level:g} % intervals", _COLUMNS, cells, note))
+            caption = f"{path}, {100 * level:g} % intervals"
+            show(_table(schema, caption, rows, totals))
             if ood_score > 1:
                 say(
-                    f"do not trust these: the picture is unlike those learned from (score {ood_score:g}, "
+                    f"do not trust these: the picture is out of distribution (OOD score {ood_score:g}, "
                     "trusted up to 1)"
                 )
     if json is not None:
         write_json({"level": level, "estimates": found}, json)
 
 
-_COLUMNS = (
-    Column("contact"),
-    Column("force", "N", digits=3),
-    Column("from", "N", digits=3),
-    Column("to", "N", digits=3),
-    Column("contact probability", digits=2),
-)
+def _rows(schema: "Schema", read: "Reading") -> list[dict[str, str | float | None]]:
+    """One an estimated sensor; keys name quantity and unit."""
+    values, low, high, contact = (
+        np.round(x[0].astype(float), digits).tolist()
+        for x, digits in ((read.forces, 6), (read.low, 6), (read.high, 6), (read.contact, 4))
+    )
+    rows: list[dict[str, str | float | None]] = []
+    for i, sensor in enumerate(schema.estimated):
+        unit, is_force = sensor.unit, sensor.quantity != "joint angle"
+        rows.append(
+            {
+                kind(schema): sensor.name,
+                f"{'force' if is_force else 'value'}_{unit}": values[i],
+                f"low_{unit}": low[i],
+                f"high_{unit}": high[i],
+                **({"contact_probability": contact[i]} if is_force else {}),
+            }
+        )
+    return rows
+
+
+def _totals(schema: "Schema", read: "Reading") -> dict[str, float]:
+    """The sums of estimated sensors, such as the net force, by name."""
+    return {name: round(float(read.forces[0] @ schema.weights(name)), 6) for name in sums(schema)}
+
+
+def _table(
+    schema: "Schema", caption: str, rows: list[dict[str, str | float | None]], totals: dict[str, float]
+) -> Table:
+    unit = common_unit(schema)
+    columns = (
+        Column(kind(schema)),
+        Column("force" if forces_only(schema) else "value", unit, digits=3),
+        Column("from", unit, digits=3),
+        Column("to", unit, digits=3),
+        Column("contact probability", digits=2),
+    )
+    cells = []
+    for name, row in zip(schema.outputs, rows, strict=True):
+        values = list(row.values())[1:]
+        cells.append((row_name(schema, name), *values, *[None] * (4 - len(values))))
+    note = ", ".join(f"{name} {total:.3f} {schema.sensor(name).unit}" for name, total in totals.items())
+    return Table("estimates", caption, columns, tuple(cells), note)

@@ -1,4 +1,4 @@
-"""`exosight evaluate`: a network judged beside the paper's."""
+"""`exosight evaluate`: a network judged on a dataset."""
 
 from contextlib import nullcontext
 from pathlib import Path
@@ -15,11 +15,12 @@ def evaluate(
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """Judge a network: how near its forces are, whether its intervals hold, whether it knows what to doubt.
+    """Judge a network: accuracy, intervals, robustness, and detection of out-of-distribution images.
 
-    On the dataset that the network learned from, only the test part of its split counts, and what can be told
-    without a picture stands beside; on any other, all frames do. Images are taken clean, with the paper's
-    noise and contrast, and unlike all that was learned from. The paper's values stand beside.
+    On the dataset that the network learned from, only the test part of its split counts, and what is known
+    without an image stands beside; on any other of its system, all frames do. Images are taken clean, with
+    the paper's noise and contrast, and out of distribution. Of the published system, the paper's values stand
+    beside.
 
     Example:
       exosight evaluate --data results/data
@@ -29,14 +30,14 @@ def evaluate(
         data: folder of a dataset
         model: exported network, from `exosight train`; the one that comes with the package if left out
         out: folder for tables, estimates (CSV, JSON), figures (HTML) and configuration; it must not exist
-        seed: seed of the noise, and of what is unlike
+        seed: seed of the noise, and of the out-of-distribution images
         json: write the scores as JSON to a new file, or to stdout with "-", instead of tables
     """
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: Matplotlib takes a second to import.
+    from exosight.app.data import load
     from exosight.app.evaluation import evaluate as judge
     from exosight.app.evaluation import write_evaluation
-    from exosight.app.pipeline import load
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 
     place = model or DEFAULT_MODEL

@@ -23,18 +23,25 @@ def generate(
     scheduler: MaybeAddress = None,
     json: Json = None,
 ) -> None:
-    """Simulate, render and store exosuits of all eleven scenarios, each driven 0 → 4 → 0 N.
+    """Simulate, render and store designs of a system, each driven from rest along a load path and back.
 
-    The paper's dataset is --per-scenario 125 (1375 shapes, 68,750 frames). The folder also holds the
-    configuration that makes it again (manifest.json) and a card (README.md); frames left out are counted by
-    cause. Stopped at any moment, the same command with --resume goes on; it also mends damaged files.
+    Of the published system these are exosuits of all eleven scenarios, driven 0 → 4 → 0 N: the paper's
+    dataset is --per-scenario 125 (1375 shapes, 68,750 frames). Of a system file (--system FILE) they are
+    --designs that differ in what the file's vary tables say; with several channels each is driven over
+    waypoints of its own.
 
-    Fingers, exosuits, light and pictures are the nominal ones unless --plant, --lighting and --appearance let
-    them vary; what was drawn is kept with each frame (docs/variation.md).
+    The folder also holds all that makes it again (manifest.json) and a card (README.md); frames left out are
+    counted by cause. Stopped at any moment, the same command with --resume goes on; it also mends damaged
+    files.
+
+    Light and pictures are the nominal ones unless --lighting and --appearance let them vary, and so are the
+    published system's fingers and exosuits unless --plant does; what was drawn is kept with each frame
+    (docs/variation.md).
 
     Examples:
       exosight generate --out results/data --per-scenario 10
       exosight generate --out results/varied --plant.young 0.5 2 --lighting.lamp 0.5
+      exosight generate --out results/thumb --system thumb.toml --designs 100
 
     Args:
         out: folder to make; it must not exist, unless --resume
@@ -48,11 +55,11 @@ def generate(
     # Here, so that --help and wrong options answer at once: JAX takes a second to import.
     from exosight.dataset.generation import generate as run
 
-    with progress("simulating", "shapes") as update:
+    with progress("simulating", "designs") as update:
         manifest = run(config, out, update, resume=resume, workers=workers, scheduler=scheduler)
-    say(f"wrote {manifest.frames} frames of {len(manifest.shapes)} shapes to {out}")
+    say(f"wrote {manifest.frames} frames of {len(manifest.designs)} designs to {out}")
     for cause, count in manifest.dropped.items():
         say(f"  dropped, {cause.replace('_', ' ')}: {count}")
     if json is not None:
-        counts = {"frames": manifest.frames, "shapes": len(manifest.shapes), "dropped": manifest.dropped}
+        counts = {"frames": manifest.frames, "designs": len(manifest.designs), "dropped": manifest.dropped}
         write_json({"folder": str(out), **counts}, json)

@@ -17,7 +17,7 @@ def replay(
 ) -> None:
     """Show a recorded run to network and guard once more, and compare.
 
-    With the same network the same forces, states and actuations come out; with another one, what that would
+    With the same network the same estimates, states and commands come out; with another one, what that would
     have read and asked for.
 
     Examples:
@@ -38,9 +38,11 @@ def replay(
     place = model or DEFAULT_MODEL
     network = OnnxEstimator.load(place, alone=True)
     told = read_recording(recording)
+    config = told.controller
+    network.card.check_fits(config.schema, "recording")
     again = run(told, network.read)
-    force = float(np.abs(again.forces - told.forces).max())
-    u = float(np.abs(again.u - told.u).max())
+    outputs = float(np.abs(again.estimated - told.estimated).max())
+    u = float(np.abs(again.command - told.command).max())
     states = int(np.count_nonzero(again.state != told.state))
     same = checksum(place) == told.model
     if json is None:
@@ -51,14 +53,17 @@ def replay(
         write_json(
             {
                 "same_network": same,
+                "sensor": {"name": config.sensor, "unit": config.controlled.unit},
+                "channel": {"name": config.channel, "unit": config.driven.unit},
+                "outputs": {spec.name: spec.unit for spec in config.schema.estimated},
                 "steps": [
                     {
                         "time_s": float(told.time[i]),
-                        "target_N": float(told.target[i]),
-                        "forces_N": told.forces[i].tolist(),
-                        "forces_replayed_N": again.forces[i].tolist(),
-                        "u_N": float(told.u[i]),
-                        "u_replayed_N": float(again.u[i]),
+                        "target": float(told.target[i]),
+                        "estimated": told.estimated[i].tolist(),
+                        "estimated_replayed": again.estimated[i].tolist(),
+                        "command": float(told.command[i]),
+                        "command_replayed": float(again.command[i]),
                         "state": STATES[told.state[i]].value,
                         "state_replayed": STATES[again.state[i]].value,
                     }
@@ -68,10 +73,11 @@ def replay(
             json,
         )
     whose = "the network of the recording" if same else "another network than the recording's"
-    if force == u == states == 0:
-        say(f"{len(told)} steps, {whose}: the same forces, states and actuations")
+    if outputs == u == states == 0:
+        say(f"{len(told)} steps, {whose}: the same estimates, states and commands")
     else:
         say(
-            f"{len(told)} steps, {whose}: forces differ by up to {force:.3g} N, u by up to {u:.3g} N, "
+            f"{len(told)} steps, {whose}: estimates differ by up to {outputs:.3g}, {config.channel} by up to "
+            f"{u:.3g} {config.driven.unit}, "
             f"the guard's state in {states} steps"
         )

@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
-from exosight.app.commands.options import Json, MaybePath, Seed
+from exosight.app.commands.options import Json, MaybePath, Name, Seed, SystemName
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import new_folder
 from exosight.control.stress import StressConfig
@@ -21,15 +21,18 @@ def stress(
     episodes: Annotated[int, Field(ge=1, le=100_000)] = 1000,
     seed: Seed = 0,
     gains: tuple[Gain, ...] = (5.0,),
+    system: SystemName = "published",
+    sensor: Name = None,
+    channel: Name = None,
     model: MaybePath = None,
     out: MaybePath = None,
     json: Json = None,
 ) -> None:
     """Run the guarded controller and the paper's law in random episodes, all stepped side by side.
 
-    In each episode a target is followed and then drops to 0 N; frames come late, twice, spoilt or not at all,
-    exosuit, finger and camera are not those that were tuned for, and the user moves. The sensor is a network
-    that sees camera images; without one it is the true force.
+    In each episode a target is followed and then drops to 0; frames come late, twice, spoilt or not at all,
+    system and camera are not those that were tuned for, and the user moves. The sensor is a network
+    that sees camera images; without one it is the true reading.
 
     Examples:
       exosight stress --episodes 100
@@ -40,19 +43,24 @@ def stress(
         config: what may go wrong
         episodes: how many
         seed: seed of all that is drawn
-        gains: K_P of the paper's law, one run each [N/N]; none: the guarded controller alone
-        model: exported network, from `exosight train`; without it the sensor is the true force
+        gains: K_P of the paper's law, one run each; none: the guarded controller alone
+        system: name of a preset, or a system file (*.toml), whose `vary` tables are what may be wrong
+            about it
+        sensor: the one that follows the targets; default: the first net force
+        channel: the one that is driven; default: the first
+        model: exported network, from `exosight train`; without it the sensor is the true reading
         out: folder for summary (JSON), every episode (CSV) and figure (SVG); it must not exist
         json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
-    from exosight.app.stress import about, results, run_stress, stress_table, write_stress
+    from exosight.app.stress import about, prepare, results, run_stress, stress_table, write_stress
+    from exosight.exosuit.catalogue import find_system
 
-    settings = (config, episodes, seed, model, gains)
+    plants, look = prepare(find_system(system), model, sensor, channel)
     with new_folder(out) if out is not None else nullcontext() as folder:
-        outcomes = run_stress(*settings)
-        found = results(outcomes, about(*settings))
+        outcomes = run_stress(config, episodes, seed, gains, plants, look)
+        found = results(outcomes, about(config, episodes, seed, gains, model, plants))
         if folder is not None:
             write_stress(outcomes, found, folder)
     if out is not None:

@@ -20,22 +20,22 @@ def train(
     data: Path,
     out: Path,
     extra_data: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="PATH …", help_behavior_hint="")] = (),
-    online_shapes: Annotated[int, tyro.conf.arg(metavar="SHAPES")] = 0,
+    online_designs: Annotated[int, tyro.conf.arg(metavar="DESIGNS")] = 0,
     pretrained: Annotated[str | None, tyro.conf.arg(metavar="MODEL", help_behavior_hint="")] = None,
-    protocol: Literal["shape", "frame", "family", "variation"] = "shape",
+    protocol: Literal["design", "frame", "family", "variation"] = "design",
     held_out: Annotated[str | None, tyro.conf.arg(metavar="NAME", help_behavior_hint="")] = None,
     split_seed: Seed = 0,
     resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     config: Annotated[TrainConfig, tyro.conf.arg(name="")] = DEFAULT,
 ) -> None:
-    """Train a network to read seven contact forces off an image, and export it as ONNX.
+    """Train a network to estimate the sensors of a system from an image, and export it as ONNX.
 
     A stopped run goes on exactly where it was with --resume. The folder gets the checkpoint, the loss curves
     (history.csv) and the network (model.onnx), each with configuration, seed and identity of the data.
     Started by torchrun, several processes, each with a GPU of its own, train one network.
 
-    With --pretrained it goes on from a network that has learned already, such as the shipped one: what is not
-    much different, another camera or finger, it then learns in minutes.
+    With --pretrained it goes on from a network that was trained before, such as the shipped one: what differs
+    little, such as another camera or finger of the same sensors, it then learns in minutes.
 
     Examples:
       exosight train --data results/data --out results/light
@@ -46,11 +46,11 @@ def train(
         out: folder of the run; it must not exist, unless --resume
         extra_data: folders of further datasets to learn from; what --data keeps for judging is left out of
             them, as is what --held-out names
-        online_shapes: shapes of each scenario simulated anew for every epoch, and learned from in it alone
+        online_designs: designs of each scenario simulated anew for every epoch, and learned from in it alone
         pretrained: a network to start from in place of random weights: its model.onnx, or 'shipped'
-        protocol: how frames are divided 60/20/20 %: shape (unseen exosuits), frame (the paper's), or with the
+        protocol: how frames are divided 60/20/20 %: design (unseen designs), frame (the paper's), or with the
             test part that --held-out names: family or variation (unseen stiffness, unseen cameras)
-        held_out: what is kept for testing: a family of shapes, or something that varies in the dataset, such
+        held_out: what is kept for testing: a family of designs, or something that varies in the dataset, such
             as plant.young or appearance.roll, whose largest fifth is
         split_seed: seed of the division
         resume: go on with the run that the folder holds
@@ -58,16 +58,18 @@ def train(
     """
     if out.exists() and not resume:
         raise DataError(f"{out}: exists already; name a new folder, or add --resume to go on with its run")
-    if online_shapes < 0 or (online_shapes and protocol in ("family", "variation")):
+    if online_designs < 0 or (online_designs and protocol in ("family", "variation")):
         raise InputError(
-            f"--online-shapes: expected 0 or more shapes, and not with --protocol {protocol}, as they would "
-            f"hold what is held out, got {online_shapes}"
+            f"--online-designs: expected 0 or more, and not with --protocol {protocol}, as they would "
+            f"hold what is held out, got {online_designs}"
         )
     # Here, so that --help and wrong options answer at once.
-    from exosight.app.pipeline import MODEL, check_training, divided, fit, load
+    from exosight.app.data import divided, load
+    from exosight.app.pipeline import MODEL, Sources, check_training, fit
 
     check_training()
     from exosight.control.estimator import DEFAULT_MODEL
+    from exosight.evaluation.naming import common_unit
     from exosight.learning import load_pretrained
     from exosight.learning.parallel import join
 
@@ -82,9 +84,7 @@ def train(
                 split,
                 config,
                 out,
-                extra_data=extra_data,
-                online_shapes=online_shapes,
-                pretrained=begun,
+                sources=Sources(extra_data, online_designs, begun),
                 resume=resume,
                 progress=update,
                 group=group,
@@ -94,5 +94,6 @@ def train(
     parts = (len(split.train), len(split.validation), len(split.test))
     say("{} of its frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
     best = min((r for r in history if r.validation_loss is not None), key=lambda r: r.validation_loss or 0.0)
-    say(f"best epoch {best.epoch} of {len(history)}: validation error {best.validation_l1:.4f} N")
+    error = f"{best.validation_l1:.4f} {common_unit(loaded.frames.schema)}".rstrip()
+    say(f"best epoch {best.epoch} of {len(history)}: validation error {error}")
     say(f"wrote {out / MODEL}")

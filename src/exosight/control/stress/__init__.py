@@ -1,7 +1,8 @@
 """The controllers under stress: many random episodes, all of them stepped side by side.
 
 config     what may go wrong, and how often
-episodes   what happens in an episode: target, wearer, exosuit, camera, lost and spoiled frames
+plants     which systems the episodes are about, and by how much they differ
+episodes   what happens in an episode: target, user, system, camera, lost and spoiled frames
 frames     what a controller gets to see of it: late, lost, repeated, noisy or hidden pictures
 suite      all episodes of one controller in closed loop
 measures   settling, overshoot, errors, limits, release, from what was recorded

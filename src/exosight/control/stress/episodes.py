@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from exosight.control.loop import RATE
-from exosight.control.stress.config import KINDS, SNAP_TARGETS, WRONG_PLANT, Kind, StressConfig
-from exosight.control.trials import CONTROL_SHAPE
+from exosight.control.stress.config import KINDS, Kind, StressConfig
+from exosight.control.stress.plants import Limits, StressPlants
 from exosight.errors import InputError
-from exosight.exosuit.assembly import Exosuit, varied
-from exosight.exosuit.variation import draw_variant
+from exosight.mechanics import Link
 from exosight.system.camera import Camera
+from exosight.system.system import System
 
 
 @dataclass(frozen=True)
@@ -36,20 +36,20 @@ class Episode:
     """All that an episode holds in store, a row a step of 0.1 s.
 
     kind       of target
-    exosuit    the one that is worn
+    system     the one that is driven
     camera     the one that looks at it
-    target     (steps,)           F_t [N], 0 from `drop` on
-    drop       step at which the target drops to 0 N
+    target     (steps,)                [the sensor's unit], 0 from `drop` on
+    drop       step at which the target drops to 0
     latency    age of the frames [steps]
-    lost       (steps,)           no frame comes
-    again      (steps,)           the last frame comes again
+    lost       (steps,)                no frame comes
+    again      (steps,)                the last frame comes again
     bursts     of noise or occlusion
-    stiffness  (steps, hinges)    of the finger's joints [N m/rad]
-    rest       (steps, hinges)    angles at which their springs are slack [rad]
+    stiffness  (steps, coordinates)    of the links' joints [N m/rad]
+    rest       (steps, coordinates)    angles at which their springs are slack [rad]
     """
 
     kind: Kind
-    exosuit: Exosuit
+    system: System
     camera: Camera
     target: Float[np.ndarray, " steps"]
     drop: int
@@ -57,14 +57,14 @@ class Episode:
     lost: Bool[np.ndarray, " steps"]
     again: Bool[np.ndarray, " steps"]
     bursts: tuple[Burst, ...]
-    stiffness: Float[np.ndarray, "steps hinges"]
-    rest: Float[np.ndarray, "steps hinges"]
+    stiffness: Float[np.ndarray, "steps coordinates"]
+    rest: Float[np.ndarray, "steps coordinates"]
 
 
-def draw_episode(config: StressConfig, seed: int, number: int, camera: Camera) -> Episode:
-    """The episode of this number; it depends on configuration, seed and number alone.
+def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPlants) -> Episode:
+    """The episode of this number; it depends on configuration, plants, seed and number alone.
 
-    camera   the one that the estimator was trained with
+    plants   the nominal one has the camera that the estimator was trained with
 
     Raises InputError for a negative seed or number.
     """
@@ -74,9 +74,9 @@ def draw_episode(config: StressConfig, seed: int, number: int, camera: Camera) -
     held, after = round(config.hold_seconds * RATE), round(config.release_seconds * RATE)
     steps = held + after
     kind = KINDS[number % len(KINDS)]
-    exosuit = Exosuit(CONTROL_SHAPE)
-    if config.wrong_plant:
-        exosuit = varied(exosuit, draw_variant(WRONG_PLANT, seed, number))
+    camera = plants.nominal.camera()
+    system = plants.other(seed, number) if config.wrong_plant else plants.nominal
+    springs, share = _joints(system)
     x, z, scale = rng.uniform(-1, 1, 3).tolist()
     if config.wrong_camera and number % 3 == 0:
         camera = Camera(
@@ -89,14 +89,16 @@ def draw_episode(config: StressConfig, seed: int, number: int, camera: Camera) -
     lost = rng.random(steps) < dropped
     fastest, slowest = (round(delay * RATE) for delay in config.latency)
     latency = int(rng.integers(fastest, slowest + 1))
-    stiffness, rest = _user(rng, steps, np.array(exosuit.finger.joint_stiffness))
+    stiffness, rest = _user(rng, steps, springs, share)
     if not config.moving_user or number % 2:
-        stiffness, rest = np.tile(exosuit.finger.joint_stiffness, (steps, 1)), np.zeros_like(rest)
+        stiffness, rest = np.tile(springs, (steps, 1)), np.zeros_like(rest)
     return Episode(
         kind=kind,
-        exosuit=exosuit,
+        system=system,
         camera=camera,
-        target=np.append(_target(rng, kind, held, config.targets), np.zeros(after)),
+        target=np.append(
+            _target(rng, kind, held, config.targets or plants.targets, plants.snap_targets), np.zeros(after)
+        ),
         drop=held,
         latency=latency,
         lost=lost,
@@ -108,16 +110,16 @@ def draw_episode(config: StressConfig, seed: int, number: int, camera: Camera) -
 
 
 def _target(
-    rng: np.random.Generator, kind: Kind, steps: int, limits: tuple[float, float]
+    rng: np.random.Generator, kind: Kind, steps: int, limits: Limits, snap: Limits
 ) -> Float[np.ndarray, " steps"]:
-    """F_t [N] of each step until the drop."""
+    """The target of each step until the drop [the sensor's unit]."""
     one, other = rng.uniform(*limits, 2)
     time = np.arange(steps) / RATE
     match kind:
         case "constant":
             return np.full(steps, one)
         case "snap":
-            return np.full(steps, rng.uniform(*SNAP_TARGETS))
+            return np.full(steps, rng.uniform(*snap))
         case "steps":
             return np.where(np.arange(steps) < steps // 2, one, other)
         case "ramp":
@@ -140,14 +142,35 @@ def _burst(rng: np.random.Generator, steps: int) -> Burst:
     )
 
 
+def _joints(
+    system: System,
+) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, " coordinates"]]:
+    """Stiffness of the links' joint coordinates, and the share of the user's motion that each of them takes.
+
+    A joint moves less the more joints lie before it: the knuckle of a finger most.
+    """
+    links = {body.name: body for body in system.bodies if isinstance(body, Link)}
+    stiffness: list[float] = []
+    share: list[float] = []
+    for link in links.values():
+        before, parent = 0, link.parent
+        while parent in links:
+            before, parent = before + bool(links[parent].joint.dofs), links[parent].parent
+        stiffness += np.asarray(link.joint.stiffness, dtype=float).tolist()
+        share += [max(round(1 - 0.3 * before, 1), 0.1)] * link.joint.dofs
+    return np.array(stiffness), np.array(share)
+
+
 def _user(
-    rng: np.random.Generator, steps: int, stiffness: Float[np.ndarray, " hinges"]
-) -> tuple[Float[np.ndarray, "steps hinges"], Float[np.ndarray, "steps hinges"]]:
+    rng: np.random.Generator,
+    steps: int,
+    stiffness: Float[np.ndarray, " coordinates"],
+    share: Float[np.ndarray, " coordinates"],
+) -> tuple[Float[np.ndarray, "steps coordinates"], Float[np.ndarray, "steps coordinates"]]:
     """Joints that stiffen and flex from one second to the next, evenly in between, and rest at first."""
     knots = np.arange(0, steps + RATE, RATE)
     factor = np.exp(rng.uniform(np.log(0.7), np.log(1.4), len(knots)))
     flexed = np.deg2rad(rng.uniform(0.0, 10.0, len(knots)))
     factor[0], flexed[0] = 1.0, 0.0
     at = np.arange(steps)
-    share = np.array([1.0, 0.7, 0.4])[: len(stiffness)]  # the hinge at the knuckle moves most
     return np.interp(at, knots, factor)[:, None] * stiffness, np.interp(at, knots, flexed)[:, None] * share

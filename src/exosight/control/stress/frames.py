@@ -15,11 +15,11 @@ from exosight.vision.corruptions import add_noise
 from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS, OCCLUSIONS, occluder, put_before
 
 Images = UInt8[np.ndarray, "episodes height width"]
-Sensor = Callable[[BatchPlant, Sequence[Episode], int], tuple[Images, Reading]]
+Look = Callable[[BatchPlant, Sequence[Episode], int], tuple[Images, Reading]]
 """Pictures of all plants at this step, a row an episode, and what is read off them."""
 
 
-def camera_sensor(estimator: Reader) -> Sensor:
+def camera_sensor(estimator: Reader) -> Look:
     """Each episode's own camera, its noise and occlusion, and a network that looks at all pictures."""
 
     def sense(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
@@ -35,31 +35,32 @@ def camera_sensor(estimator: Reader) -> Sensor:
 
 
 def true_sensor(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
-    """The forces of the simulation, no network: noise scatters each contact's by up to 30 mN, and whatever
-    hides a picture is always noticed.
+    """What the simulation knows, no network: noise scatters each output by up to 0.03 of its unit, and
+    whatever hides a picture is always noticed.
 
-    The pictures are a few bytes that differ where forces do, for the guard to compare.
+    The pictures are a few bytes that differ where outputs do, for the guard to compare.
     """
-    forces = plant.state.forces[:, 1:].astype(np.float32)
-    ood_score = np.zeros(len(forces), np.float32)
+    outputs = np.array(plant.state.outputs, np.float32, order="C")  # whose bytes are looked at below
+    ood_score = np.zeros(len(outputs), np.float32)
     for i, episode in enumerate(episodes):
         for burst in _now(episode, step):
-            scatter = 0.1 * np.sqrt(burst.noise)  # [N]
-            forces[i] += np.random.default_rng([burst.seed, step]).normal(0.0, scatter, 7)
+            scatter = 0.1 * np.sqrt(burst.noise)  # [the output's unit]
+            random = np.random.default_rng([burst.seed, step])
+            outputs[i] += random.normal(0.0, scatter, outputs.shape[1])
             ood_score[i] = 2.0 if burst.hidden else ood_score[i]
-    bounds = np.tile(np.array([0, 255], np.uint8), (len(forces), 1))
-    images = np.concatenate([bounds, forces.view(np.uint8)], axis=1)[:, None]
-    return images, Reading(forces, forces, forces, (forces > 0).astype(np.float32), ood_score)
+    bounds = np.tile(np.array([0, 255], np.uint8), (len(outputs), 1))
+    images = np.concatenate([bounds, outputs.view(np.uint8)], axis=1)[:, None]
+    return images, Reading(outputs, outputs, outputs, (outputs > 0).astype(np.float32), ood_score)
 
 
 class FrameDelivery:
     """The frames of all episodes on their way from camera to controller.
 
-    sensor   what looks at the plants
+    look     at the plants
     """
 
-    def __init__(self, episodes: Sequence[Episode], sensor: Sensor) -> None:
-        self._episodes, self._sensor = episodes, sensor
+    def __init__(self, episodes: Sequence[Episode], look: Look) -> None:
+        self._episodes, self._look = episodes, look
         self._past: deque[tuple[Images, Reading, np.ndarray]] = deque(
             maxlen=1 + max(episode.latency for episode in episodes)
         )
@@ -70,18 +71,20 @@ class FrameDelivery:
 
         Before the first step every plant has stood at rest, and was looked at, for long.
         """
-        self._past.append((*self._sensor(plant, self._episodes, step), plant.state.u))
+        self._past.append((*self._look(plant, self._episodes, step), plant.state.commands))
         seen = []
         for i, episode in enumerate(self._episodes):
-            images, reading, u = self._past[max(-1 - episode.latency, -len(self._past))]
+            images, reading, commands = self._past[max(-1 - episode.latency, -len(self._past))]
             image, read = images[i], _row(reading, i)
             if episode.again[step] and (before := self._last[i]) is not None:
-                image, read = before  # the camera does not notice: its age and u are those of a new one
+                image, read = (
+                    before  # the camera does not notice: its age and commands are those of a new one
+                )
             self._last[i] = image, read
             seen.append(
                 Measurement()
                 if episode.lost[step]
-                else Measurement(image, read, episode.latency / RATE, float(u[i]))
+                else Measurement(image, read, episode.latency / RATE, commands[i])
             )
         return seen
 

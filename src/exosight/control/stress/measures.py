@@ -18,9 +18,9 @@ from exosight.control.stress.episodes import Episode
 from exosight.control.stress.suite import Traces
 
 RELEASE_SECONDS = 1.0
-"""Within so long after its target dropped F_net is to be below 5 mN [s]."""
+"""Within so long after its target dropped the controlled sensor is to be below 0.005 of its unit [s]."""
 
-_ROUND_OFF = 1e-9  # [N], of sums of numbers up to 6 N
+_ROUND_OFF = 1e-9  # of sums of commands, as a share of the channel's peak
 
 
 @dataclass(frozen=True)
@@ -30,25 +30,25 @@ class Measured:
     kind: str
     """of target"""
     settling_steps: float
-    """until F_net stays within 5 % of a constant target"""
+    """until the controlled sensor stays within 5 % of a constant target"""
     overshoot_percent: float
     """of a constant target [%]"""
     steady_state_percent: float
     """|target − mean of the last quarter| of a constant target [%]"""
     tracking_error: float
-    """root mean square of F_t − F_net from 1 s on, until the target drops [N]"""
+    """root mean square of target − reading from 1 s on, until the target drops [the sensor's unit]"""
     largest_contact: float
-    """largest force on one of C1…C7 [N]"""
+    """largest contact force that is estimated [N]; NaN: none is"""
     largest_net: float
-    """largest F_net [N]"""
+    """largest reading of the controlled sensor [its unit]"""
     seconds_outside: float
-    """time in which some contact presses more than it may [s]"""
+    """time in which some estimated sensor reads more than it may [s]"""
     commands_outside: int
-    """actuations beyond the amplitude or the rate that the controller may ask for"""
+    """commands beyond the amplitude or the rate that the controller may ask for"""
     release_seconds: float
-    """from the target's drop until F_net stays below 5 mN [s]"""
+    """from the target's drop until the controlled sensor stays below 0.005 of its unit [s]"""
     recovered: bool
-    """F_net is below 5 mN in the end"""
+    """the controlled sensor is below that in the end"""
     given_up: bool
     """the guard released before the target dropped"""
 
@@ -56,30 +56,32 @@ class Measured:
 def measure_episode(episode: Episode, traces: Traces, number: int, limits: ControllerConfig) -> Measured:
     """What happened in one episode.
 
-    limits   of actuation and contacts; for all controllers the same
+    limits   of commands and outputs; for all controllers the same
     """
-    target, u, net = traces.target[number], traces.u[number], traces.net[number]
-    contacts = traces.forces[number]
+    target, u, net = traces.target[number], traces.command[number], traces.true[number]
+    outputs = traces.outputs[number]
+    contacts = outputs[:, [spec.quantity == "contact force" for spec in limits.schema.estimated]]
     settling = overshoot = steady = math.nan
     if episode.kind in ("constant", "snap"):
-        found = judge_response(np.arange(len(target)) / RATE, target, net, u)
+        found = judge_response(np.arange(len(target)) / RATE, target, net, u, limits.driven)
         settling, overshoot = found.settling_steps, found.overshoot_percent
         steady = 100 * abs(found.steady_state_error) / target[0]
     held = slice(round(RATE), episode.drop)
     pressing = np.flatnonzero(net[episode.drop :] >= RELEASED)
     released = int(pressing[-1]) + 1 if len(pressing) else 0
     recovered = bool(net[-1] < RELEASED)
-    beyond = (u < limits.u_min - _ROUND_OFF) | (u > limits.u_max + _ROUND_OFF)
-    beyond[1:] |= np.abs(np.diff(u)) > limits.step + _ROUND_OFF
+    slack = _ROUND_OFF * abs(limits.driven.peak)
+    beyond = (u < limits.u_min - slack) | (u > limits.u_max + slack)
+    beyond[1:] |= np.abs(np.diff(u)) > limits.step + slack
     return Measured(
         kind=episode.kind,
         settling_steps=settling,
         overshoot_percent=overshoot,
         steady_state_percent=steady,
         tracking_error=float(np.sqrt(np.mean((target - net)[held] ** 2))),
-        largest_contact=float(contacts.max()),
+        largest_contact=float(contacts.max()) if contacts.size else math.nan,
         largest_net=float(net.max()),
-        seconds_outside=float((contacts > limits.contact_limit).any(axis=1).sum() / RATE),
+        seconds_outside=float((outputs > limits.output_limits).any(axis=1).sum() / RATE),
         commands_outside=int(beyond.sum()),
         release_seconds=released / RATE if recovered else math.nan,
         recovered=recovered,

@@ -10,8 +10,9 @@ from jaxtyping import Bool, Float
 from exosight.control.batch import BatchPlant, Joints
 from exosight.control.guard import Measurement, Transition
 from exosight.control.laws import Law
+from exosight.control.paths import ControllerConfig
 from exosight.control.stress.episodes import Episode
-from exosight.control.stress.frames import FrameDelivery, Sensor
+from exosight.control.stress.frames import FrameDelivery, Look
 from exosight.errors import InputError
 
 
@@ -26,18 +27,19 @@ class Controller(Protocol):
         ...
 
     def step(self, target: float, measurement: Measurement) -> float:
-        """The actuation of the coming step [N]."""
+        """The command of the coming step [the driven channel's unit]."""
         ...
 
 
 class Unguarded:
     """A law without a guard: it believes whatever it is told, however old, and leaves u where nothing comes.
 
-    law  told F_net [N], not a number where no frame came
+    law      told the controlled sensor, not a number where no frame came
+    weights  (outputs,)  of the estimated sensors in it
     """
 
-    def __init__(self, law: Law) -> None:
-        self._law = law
+    def __init__(self, law: Law, weights: Float[np.ndarray, " outputs"]) -> None:
+        self._law, self._weights = law, weights
         self.log: list[Transition] = []
 
     def reset(self) -> None:
@@ -45,44 +47,43 @@ class Unguarded:
         self._law.reset()
 
     def step(self, target: float, measurement: Measurement) -> float:
-        """The actuation of the coming step [N]."""
-        return self._law.next(target, measurement.net_force)
+        """The command of the coming step [the driven channel's unit]."""
+        return self._law.next(target, measurement.sum(self._weights))
 
 
 @dataclass(frozen=True, eq=False)
 class Traces:
     """What happened in all episodes, a row an episode, a column a step; column 0 is at rest.
 
-    target      (episodes, steps)      F_t [N]
-    u           (episodes, steps)      asked for [N]
-    forces      (episodes, steps, 7)   true, on C1…C7 [N]
-    estimated   (episodes, steps)      F_net as the controller was told it before the step; NaN: nothing came
-    converged   (episodes, steps)      the plant reached the u asked for
+    target      (episodes, steps)            of the controlled sensor [its unit]
+    command     (episodes, steps)            asked for [the driven channel's unit]
+    outputs     (episodes, steps, outputs)   true readings of the estimated sensors [each in its unit]
+    true        (episodes, steps)            true reading of the controlled sensor [its unit]
+    estimated   (episodes, steps)            as the controller was told it before the step; NaN: nothing
+    converged   (episodes, steps)            the plant reached the command asked for
     logs        what each controller's guard did
     """
 
     target: Float[np.ndarray, "episodes steps"]
-    u: Float[np.ndarray, "episodes steps"]
-    forces: Float[np.ndarray, "episodes steps 7"]
+    command: Float[np.ndarray, "episodes steps"]
+    outputs: Float[np.ndarray, "episodes steps outputs"]
+    true: Float[np.ndarray, "episodes steps"]
     estimated: Float[np.ndarray, "episodes steps"]
     converged: Bool[np.ndarray, "episodes steps"]
     logs: tuple[tuple[Transition, ...], ...]
-
-    @property
-    def net(self) -> Float[np.ndarray, "episodes steps"]:
-        """True F_net [N]."""
-        return self.forces.sum(axis=2)
 
 
 def run_episodes(
     episodes: Sequence[Episode],
     controllers: Sequence[Controller],
-    sensor: Sensor,
+    look: Look,
+    config: ControllerConfig,
     done: Callable[[int, int], None] = lambda step, steps: None,
 ) -> Traces:
     """Every episode with its own controller, all from rest.
 
-    sensor   `camera_sensor(estimator)`, or `true_sensor` for the forces of the simulation
+    look     `camera_sensor(estimator)`, or `true_sensor` for what the simulation knows
+    config   which sensor is controlled and which channel is driven; the others rest at 0
     done     called with (steps done, steps in all)
 
     Raises InputError for no episodes, episodes of several lengths, or another number of controllers.
@@ -94,27 +95,30 @@ def run_episodes(
             f"{len(lengths)} lengths and {len(controllers)} controllers"
         )
     (steps,) = lengths
-    plant, frames = BatchPlant([episode.exosuit for episode in episodes]), FrameDelivery(episodes, sensor)
+    plant, frames = BatchPlant([episode.system for episode in episodes]), FrameDelivery(episodes, look)
     target = np.stack([episode.target for episode in episodes])
     stiffness = np.stack([episode.stiffness for episode in episodes])
     rest = np.stack([episode.rest for episode in episodes])
     for controller in controllers:
         controller.reset()
-    u, states, estimated = [np.zeros(len(episodes))], [plant.state], [np.zeros(len(episodes))]
+    command, states, estimated = [np.zeros(len(episodes))], [plant.state], [np.zeros(len(episodes))]
     for step in range(1, steps):
         measurements = frames.measurements(plant, step - 1)
         asked = [
             controller.step(float(goal), measurement)
             for controller, goal, measurement in zip(controllers, target[:, step], measurements, strict=True)
         ]
-        u.append(np.array(asked))
-        states.append(plant.step(u[-1], Joints(stiffness[:, step], rest[:, step])))
-        estimated.append(np.array([measurement.net_force for measurement in measurements]))
+        command.append(np.array(asked))
+        commands = np.stack([config.commands(u) for u in asked])
+        states.append(plant.step(commands, Joints(stiffness[:, step], rest[:, step])))
+        estimated.append(np.array([measurement.sum(config.weights) for measurement in measurements]))
         done(step, steps - 1)
+    outputs = np.stack([state.outputs for state in states], axis=1)
     return Traces(
         target=target,
-        u=np.stack(u, axis=1),
-        forces=np.stack([state.forces[:, 1:] for state in states], axis=1),
+        command=np.stack(command, axis=1),
+        outputs=outputs,
+        true=(outputs * config.weights).sum(axis=2),
         estimated=np.stack(estimated, axis=1),
         converged=np.stack([state.converged for state in states], axis=1),
         logs=tuple(tuple(controller.log) for controller in controllers),

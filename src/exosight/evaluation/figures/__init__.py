@@ -1,7 +1,7 @@
 """Figures of the results: plain arrays in, a Matplotlib Figure out, one look for all.
 
-overview, sphere_centres, loading_path, find_snaps,
-pose_strip                                                  motion.py
+loading_path, find_snaps, pose_strip                        motion.py
+overview, Outline                                           published.py
 identifiability_map                                         identifiability.py
 loss_curves                                                 learning.py
 sample_traces, predicted_against_true, rainclouds           accuracy.py
@@ -16,13 +16,15 @@ from exosight.evaluation.figures.accuracy import predicted_against_true, rainclo
 from exosight.evaluation.figures.control import steady_states, step_responses
 from exosight.evaluation.figures.identifiability import identifiability_map
 from exosight.evaluation.figures.learning import loss_curves
-from exosight.evaluation.figures.motion import find_snaps, loading_path, overview, pose_strip, sphere_centres
+from exosight.evaluation.figures.motion import find_snaps, loading_path, pose_strip
+from exosight.evaluation.figures.published import Outline, overview
 from exosight.evaluation.figures.reliability import reliability
 from exosight.evaluation.figures.robustness import corrupted_examples, robustness_bars
 from exosight.evaluation.figures.stress import stress
 from exosight.evaluation.figures.style import to_svg
 
 __all__ = [
+    "Outline",
     "corrupted_examples",
     "find_snaps",
     "identifiability_map",
@@ -35,7 +37,6 @@ __all__ = [
     "reliability",
     "robustness_bars",
     "sample_traces",
-    "sphere_centres",
     "steady_states",
     "step_responses",
     "stress",

@@ -1,4 +1,4 @@
-"""Estimated against true contact forces on frames the estimator has not learned from."""
+"""Estimated against true sensors on frames the estimator has not learned from."""
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,42 +16,59 @@ from exosight.evaluation.figures.style import (
     GRAY,
     TRUE,
     few_ticks,
+    grid,
     legend_above,
     new_figure,
+    panel_name,
     styled,
 )
-from exosight.evaluation.metrics import CONTACTS, NET_FORCE, score
+from exosight.evaluation.metrics import score
+from exosight.evaluation.naming import common_unit, sums, with_sums
+from exosight.system.schema import Schema, SensorSpec
+
+Values = Float[np.ndarray, "frames outputs"]
+"""What the estimated sensors of a schema read, true or estimated [their units]."""
 
 # A contact that happens to be free in all samples must not blow up the estimator's noise [N].
 _SMALLEST_SCALE = 0.05
 
 
-def _with_net(forces: Float[np.ndarray, "frames 7"]) -> Float[np.ndarray, "frames 8"]:
-    return np.column_stack([forces, forces.sum(axis=1)])
+def _panels(schema: Schema) -> list[SensorSpec]:
+    """One a panel: the outputs, then their sums."""
+    return [schema.sensor(name) for name in (*schema.outputs, *sums(schema))]
+
+
+def _quantity(schema: Schema) -> str:
+    """What is drawn, with its unit if there is one for all: "force [N]"."""
+    unit = common_unit(schema)
+    forces = all("force" in sensor.quantity for sensor in schema.estimated)
+    return f"{'force' if forces else 'value'} [{unit}]" if unit else "value [in the unit of the panel]"
 
 
 @styled
 def sample_traces(
-    true: Float[np.ndarray, "frames 7"],
-    estimated: Float[np.ndarray, "frames 7"],
-    samples: int = 60,
-    seed: int = 0,
+    schema: Schema, true: Values, estimated: Values, samples: int = 60, seed: int = 0
 ) -> Figure:
-    """True and estimated force of every contact, and of their sum, for a random set of frames (Fig. 6)."""
+    """True and estimated value of every output, and of their sums, for a random set of frames (Fig. 6)."""
     chosen = np.random.default_rng(seed).permutation(len(true))[:samples]
-    truth, answer = _with_net(true)[chosen], _with_net(estimated)[chosen]
+    truth, answer = with_sums(schema, true)[chosen], with_sums(schema, estimated)[chosen]
     number = np.arange(1, len(chosen) + 1)
-    figure = new_figure(height=5.4)
-    panels = figure.subplots(4, 2, sharex=True).T.flat
+    sensors = _panels(schema)
+    rows = -(-len(sensors) // 2)
+    figure = new_figure(height=0.2 + 1.3 * max(rows, 2))
+    # Down the first column, then down the second.
+    places = [2 * (i % rows) + i // rows for i in range(len(sensors))]
+    panels = grid(figure, max(places) + 1, 2, sharex=True)
     handles: list[Line2D] = []
-    for ax, name, t, e in zip(panels, (*CONTACTS, NET_FORCE), truth.T, answer.T, strict=True):
+    for ax, sensor, t, e in zip((panels[p] for p in places), sensors, truth.T, answer.T, strict=True):
         ax.vlines(number, t, e, color=GRAY, linewidth=0.6)
         handles = [
             *ax.plot(number, t, "o", color=TRUE, markersize=3.6, markerfacecolor="none", markeredgewidth=0.8),
             *ax.plot(number, e, ".", color=ESTIMATED, markersize=3.6),
         ]
-        ax.set_ylabel(f"{name} [N]")
-        ax.set_ylim(top=max(ax.get_ylim()[1], _SMALLEST_SCALE))
+        ax.set_ylabel(f"{panel_name(sensor.name)} [{sensor.unit}]")
+        if "force" in sensor.quantity:
+            ax.set_ylim(top=max(ax.get_ylim()[1], _SMALLEST_SCALE))
         ax.yaxis.set_major_locator(few_ticks())
         ax.grid(axis="y")
         if ax.get_subplotspec().is_last_row():
@@ -62,16 +79,15 @@ def sample_traces(
 
 
 @styled
-def predicted_against_true(
-    true: Float[np.ndarray, "frames 7"], estimated: Float[np.ndarray, "frames 7"]
-) -> Figure:
-    """Density of estimated over true force with the identity line, r and RMSE, a panel a contact (Fig. 7)."""
-    scores = score(true, estimated)
-    figure = new_figure(height=4.1)
-    panels = figure.subplots(2, 4)
+def predicted_against_true(schema: Schema, true: Values, estimated: Values) -> Figure:
+    """Density of estimated over true value with the identity line, r and RMSE, a panel an output (Fig. 7)."""
+    scores = score(schema, true, estimated)
+    found = (*scores.outputs, *scores.sums)
+    figure = new_figure(height=0.1 + 2.0 * -(-len(found) // 4))
+    panels = grid(figure, len(found), 4)
     cells = []
     for ax, metrics, t, e in zip(
-        panels.flat, (*scores.contacts, scores.net), _with_net(true).T, _with_net(estimated).T, strict=True
+        panels, found, with_sums(schema, true).T, with_sums(schema, estimated).T, strict=True
     ):
         low, high = min(0.0, t.min(), e.min()), max(t.max(), e.max(), 1e-6)
         margin = 0.04 * (high - low)
@@ -84,41 +100,41 @@ def predicted_against_true(
         ax.xaxis.set_major_locator(few_ticks())
         ax.yaxis.set_major_locator(few_ticks())
         r = "–" if np.isnan(metrics.r) else f"{metrics.r:.3f}"
-        ax.set_title(f"{metrics.name}: r = {r}\nRMSE {metrics.rmse:.3f} N")
+        ax.set_title(f"{panel_name(metrics.name)}: r = {r}\nRMSE {metrics.rmse:.3f} {metrics.unit}")
     largest = max((float(c.get_array().max()) for c in cells if len(c.get_array())), default=1.0)
     norm = LogNorm(1, max(largest, 10.0))
     for hexagons in cells:
         hexagons.set_norm(norm)
     figure.colorbar(cells[0], ax=panels, label="frames in a cell [-]", pad=0.01, aspect=40, shrink=0.8)
-    figure.supxlabel("true force [N]", fontsize=8)
-    figure.supylabel("estimated force [N]", fontsize=8)
+    figure.supxlabel(f"true {_quantity(schema)}", fontsize=8)
+    figure.supylabel(f"estimated {_quantity(schema)}", fontsize=8)
     return figure
 
 
 @styled
-def rainclouds(
-    true: Float[np.ndarray, "frames 7"], estimated: Float[np.ndarray, "frames 7"], seed: int = 0
-) -> Figure:
-    """Distributions where a contact touches: estimated above, true below; cloud, box and points (Fig. 7).
+def rainclouds(schema: Schema, true: Values, estimated: Values, seed: int = 0) -> Figure:
+    """Distributions of outputs: estimated above, true below; cloud, box and points (Fig. 7).
 
-    Most frames leave most contacts free, so clouds of all frames would be one spike at 0 N; only frames
-    whose true force reaches TOUCHING are drawn, and each panel says how many of all frames these are.
+    Most frames leave most contacts free, so clouds of all frames would be one spike at 0 N; of forces only
+    the frames whose true force reaches TOUCHING are drawn; each panel says how many of all frames these are.
     """
-    truth, answer = _with_net(true), _with_net(estimated)
+    sensors = _panels(schema)
+    truth, answer = with_sums(schema, true), with_sums(schema, estimated)
     rng = np.random.default_rng(seed)
-    figure = new_figure(height=3.8)
-    panels = figure.subplots(2, 4).flat
-    for ax, name, t, e in zip(panels, (*CONTACTS, NET_FORCE), truth.T, answer.T, strict=True):
-        touching: Bool[np.ndarray, " frames"] = t >= TOUCHING
+    figure = new_figure(height=0.2 + 1.8 * -(-len(sensors) // 4))
+    for ax, sensor, t, e in zip(grid(figure, len(sensors), 4), sensors, truth.T, answer.T, strict=True):
+        is_force = "force" in sensor.quantity
+        shown: Bool[np.ndarray, " frames"] = t >= TOUCHING if is_force else np.ones(len(t), dtype=bool)
         ax.axhline(0, color=GRAY, linewidth=0.5)
-        if touching.any():
-            _half_raincloud(ax, e[touching], side=1.0, color=ESTIMATED, rng=rng)
-            _half_raincloud(ax, t[touching], side=-1.0, color=TRUE, rng=rng)
+        if shown.any():
+            _half_raincloud(ax, e[shown], side=1.0, color=ESTIMATED, rng=rng)
+            _half_raincloud(ax, t[shown], side=-1.0, color=TRUE, rng=rng)
         ax.set(ylim=(-1.2, 1.2), yticks=[])
         ax.spines["left"].set_visible(False)
         ax.xaxis.set_major_locator(few_ticks())
-        ax.set_title(f"{name}: touching in {100 * touching.mean():.0f} %")
-    figure.supxlabel("force [N]", fontsize=8)
+        share = f"touching in {100 * shown.mean():.0f} %" if is_force else f"[{sensor.unit}]"
+        ax.set_title(f"{panel_name(sensor.name)}: {share}")
+    figure.supxlabel(_quantity(schema), fontsize=8)
     keys = [Line2D([], [], color=color, linewidth=6, alpha=0.6) for color in (ESTIMATED, TRUE)]
     legend_above(figure, keys, ["estimated (above)", "true (below)"])
     return figure

@@ -1,4 +1,4 @@
-"""The closed loop: what was asked, what the finger felt, what the camera said, what the controller did."""
+"""The closed loop: target, true and estimated reading of the sensor, and command of the channel."""
 
 from collections.abc import Mapping, Sequence
 from typing import Protocol, runtime_checkable
@@ -19,7 +19,7 @@ from exosight.evaluation.figures.style import (
     new_figure,
     styled,
 )
-from exosight.evaluation.published import TRAINING_LIMIT
+from exosight.system.schema import Channel, Schema
 
 _COLORS = (BLUE, VERMILION, GREEN)
 
@@ -29,44 +29,61 @@ class ControlTrace(Protocol):
     """One run of the loop, a number a step."""
 
     @property
+    def schema(self) -> Schema:
+        """Of the plant."""
+        ...
+
+    @property
+    def sensor(self) -> str:
+        """Name of the sensor that follows the target."""
+        ...
+
+    @property
+    def channel(self) -> str:
+        """Name of the channel that is driven."""
+        ...
+
+    @property
     def time(self) -> Float[np.ndarray, " steps"]:
         """[s]"""
         ...
 
     @property
     def target(self) -> Float[np.ndarray, " steps"]:
-        """F_t [N]."""
+        """Of the sensor [its unit]."""
         ...
 
     @property
-    def F_net_true(self) -> Float[np.ndarray, " steps"]:
-        """Of the simulation [N]."""
+    def true(self) -> Float[np.ndarray, " steps"]:
+        """Of the simulation [the sensor's unit]."""
         ...
 
     @property
-    def F_net_estimated(self) -> Float[np.ndarray, " steps"]:
-        """From the image [N]."""
+    def estimated(self) -> Float[np.ndarray, " steps"]:
+        """From the image [the sensor's unit]."""
         ...
 
     @property
-    def u(self) -> Float[np.ndarray, " steps"]:
-        """Actuation [N]."""
+    def command(self) -> Float[np.ndarray, " steps"]:
+        """[the channel's unit]"""
         ...
 
 
 @styled
 def steady_states(traces: Sequence[ControlTrace]) -> Figure:
-    """F_net, true and estimated, and u for several constant targets; 4 N is the training limit (Fig. 9)."""
+    """The sensor, true and estimated, and the command for several constant targets (Fig. 9)."""
     figure = new_figure(height=3.8, width=5.5)
     force, actuation = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
+    first = traces[0]
+    unit = first.schema.sensor(first.sensor).unit
     for number, trace in enumerate(traces):
         color = _COLORS[number % len(_COLORS)]
         force.plot(trace.time, trace.target, color=GRAY, linewidth=0.8, linestyle="--")
-        force.plot(trace.time, trace.F_net_true, color=color)
-        force.plot(trace.time, trace.F_net_estimated, color=color, linestyle=":", linewidth=1.8)
-        actuation.plot(trace.time, trace.u, color=color, label=f"target {trace.target[-1]:.2f} N")
-    force.set_ylabel("F_net [N]")
-    _finish_actuation(actuation)
+        force.plot(trace.time, trace.true, color=color)
+        force.plot(trace.time, trace.estimated, color=color, linestyle=":", linewidth=1.8)
+        actuation.plot(trace.time, trace.command, color=color, label=f"target {trace.target[-1]:.2f} {unit}")
+    force.set_ylabel(f"{first.sensor} [{unit}]")
+    _finish_actuation(actuation, first)
     actuation.legend(loc="lower right")
     for ax in (force, actuation):
         ax.grid(axis="y")
@@ -81,25 +98,26 @@ def steady_states(traces: Sequence[ControlTrace]) -> Figure:
 
 @styled
 def step_responses(traces: Mapping[float, ControlTrace]) -> Figure:
-    """F_net, error and actuation of the step response, a line a gain K_P (Fig. 10).
+    """The sensor, error and command of the step response, a line a gain K_P (Fig. 10).
 
-    traces  K_P [N/N] → run of the loop
+    traces  K_P [the channel's unit per the sensor's] → run of the loop
     """
     figure = new_figure(height=5.0, width=5.5)
     force, error, actuation = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
     for number, (gain, trace) in enumerate(traces.items()):
         # The largest gain swings most, so it lies at the back.
         style = {"color": _COLORS[number % len(_COLORS)], "zorder": 3 - 0.1 * number, "linewidth": 1.0}
-        force.plot(trace.time, trace.F_net_true, **style)
-        force.plot(trace.time, trace.F_net_estimated, **style | {"linestyle": ":", "linewidth": 1.8})
-        error.plot(trace.time, trace.target - trace.F_net_estimated, **style)
-        actuation.plot(trace.time, trace.u, **style, label=f"K_P = {gain:g}")
+        force.plot(trace.time, trace.true, **style)
+        force.plot(trace.time, trace.estimated, **style | {"linestyle": ":", "linewidth": 1.8})
+        error.plot(trace.time, trace.target - trace.estimated, **style)
+        actuation.plot(trace.time, trace.command, **style, label=f"K_P = {gain:g}")
     first = next(iter(traces.values()))
     dashed = {"color": GRAY, "linestyle": "--", "linewidth": 0.9, "zorder": 4}
     force.plot(first.time, first.target, drawstyle="steps-post", **dashed)
-    force.set_ylabel("F_net [N]")
-    error.set_ylabel("error e [N]")
-    _finish_actuation(actuation)
+    unit = first.schema.sensor(first.sensor).unit
+    force.set_ylabel(f"{first.sensor} [{unit}]")
+    error.set_ylabel(f"error e [{unit}]")
+    _finish_actuation(actuation, first)
     for ax in (force, error, actuation):
         ax.grid(axis="y")
     handles, labels = actuation.get_legend_handles_labels()
@@ -112,15 +130,20 @@ def step_responses(traces: Mapping[float, ControlTrace]) -> Figure:
     return figure
 
 
-def _finish_actuation(ax: Axes) -> None:
-    ax.axhline(TRAINING_LIMIT, color=BLACK, linestyle=":", linewidth=0.9)
+def _finish_actuation(ax: Axes, trace: ControlTrace) -> None:
+    channel = _channel(trace)
+    ax.axhline(channel.peak, color=BLACK, linestyle=":", linewidth=0.9)
     ax.annotate(
-        f"training data end at {TRAINING_LIMIT:g} N",
-        (1, TRAINING_LIMIT),
+        f"training data end at {channel.peak:g} {channel.unit}",
+        (1, channel.peak),
         xycoords=("axes fraction", "data"),
         xytext=(-2, 2),
         textcoords="offset points",
         ha="right",
         fontsize=7,
     )
-    ax.set(ylabel="actuation u [N]", xlabel="time [s]")
+    ax.set(ylabel=f"command {channel.name} [{channel.unit}]", xlabel="time [s]")
+
+
+def _channel(trace: ControlTrace) -> Channel:
+    return next(channel for channel in trace.schema.channels if channel.name == trace.channel)

@@ -1,6 +1,6 @@
-"""Which contacts one view resolves, and to what force."""
+"""Which forces one view resolves, and how small."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import matplotlib
 import numpy as np
@@ -9,7 +9,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from exosight.evaluation.figures.style import new_figure, styled
-from exosight.evaluation.metrics import CONTACTS, NET_FORCE
 
 _FREE = "#EEEEEE"
 _RANGE = (1e-4, 0.1)
@@ -18,16 +17,18 @@ _RANGE = (1e-4, 0.1)
 
 @styled
 def identifiability_map(
-    u: Float[np.ndarray, " loads"], cases: Mapping[str, Float[np.ndarray, "loads 8"]]
+    names: Sequence[str],
+    u: Float[np.ndarray, " loads"],
+    cases: Mapping[str, Float[np.ndarray, "loads forces"]],
 ) -> Figure:
-    """Smallest force that an outline resolves, contacts over actuation, a panel a case; gray where free.
+    """Smallest force that an outline resolves, forces over actuation, a panel a case; gray where free.
 
-    cases   title → what `exosight.evaluation.identifiability.resolved` found at the loads u [N]
+    names   of the forces
+    cases   title → smallest force that is resolved at the actuations u [N], NaN where a contact is free [N]
     """
     figure = new_figure(height=0.5 + 1.25 * len(cases))
     panels = figure.subplots(len(cases), 1, sharex=True, squeeze=False)[:, 0]
     colours = matplotlib.colormaps["viridis"].with_extremes(bad=_FREE)
-    names = (*CONTACTS, NET_FORCE)
     mesh = None
     for ax, (title, found) in zip(panels, cases.items(), strict=True):
         shown = np.ma.masked_invalid(found.T)

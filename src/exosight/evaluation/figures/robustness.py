@@ -17,7 +17,8 @@ from exosight.evaluation.figures.style import (
     styled,
 )
 from exosight.evaluation.metrics import Scores
-from exosight.evaluation.published import ROBUSTNESS_PUBLISHED
+from exosight.evaluation.naming import common_unit
+from exosight.evaluation.published import ROBUSTNESS_PUBLISHED, is_published
 
 
 @styled
@@ -36,14 +37,24 @@ def corrupted_examples(examples: Mapping[str, UInt8[np.ndarray, "frames height w
 
 @styled
 def robustness_bars(cases: Mapping[str, Scores]) -> Figure:
-    """Mean ± SD over C1…C7 of RMSE, RMS% and r for each case, beside the paper's Table 4."""
+    """Mean ± SD over the outputs of RMSE, RMS% and r for each case; of the published system beside Table 4.
+
+    RMSE is left out where the outputs have several units.
+    """
     names = list(cases)
     place = np.arange(len(names))
+    schema = next(iter(cases.values())).schema
+    sources = [("exosight", cases, ESTIMATED)]
+    if is_published(schema):
+        sources.append(("paper", ROBUSTNESS_PUBLISHED, PAPER))
+    metrics = [("rms_percent", "RMS% [% of range]"), ("r", "Pearson r [-]")]
+    if unit := common_unit(schema):
+        metrics.insert(0, ("rmse", f"RMSE [{unit}]"))
     figure = new_figure(height=2.7)
-    panels = figure.subplots(1, 3)
-    metrics = (("rmse", "RMSE [N]"), ("rms_percent", "RMS% [% of range]"), ("r", "Pearson r [-]"))
+    panels = figure.subplots(1, len(metrics))
+    shifts = (-0.2, 0.2) if len(sources) == 2 else (0.0,)
     for ax, (metric, label) in zip(panels, metrics, strict=True):
-        for source, color, shift in ((cases, ESTIMATED, -0.2), (ROBUSTNESS_PUBLISHED, PAPER, 0.2)):
+        for (_, source, color), shift in zip(sources, shifts, strict=True):
             spreads = [getattr(source[name], metric) for name in names]
             ax.bar(
                 place + shift,
@@ -61,8 +72,8 @@ def robustness_bars(cases: Mapping[str, Scores]) -> Figure:
         lowest = min(0.0, *(cases[name].r.mean for name in names)) if metric == "r" else 0.0
         ax.set_ylim(lowest, 1.0 if metric == "r" else None)
         ax.grid(axis="y")
-    keys = [Patch(color=color) for color in (ESTIMATED, PAPER)]
-    legend_above(figure, keys, ["exosight", "paper"])
+    keys = [Patch(color=color) for _, _, color in sources]
+    legend_above(figure, keys, [name for name, _, _ in sources])
     return figure
 
 

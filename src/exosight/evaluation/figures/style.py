@@ -57,6 +57,25 @@ def new_figure(height: float, width: float = WIDTH) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
+def grid(figure: Figure, count: int, columns: int, **options: Any) -> list[Axes]:
+    """Panels in rows of so many, as many as asked for; what is left of the last row stays empty."""
+    rows = -(-count // columns)
+    panels = list(figure.subplots(rows, columns, squeeze=False, **options).flat)
+    for spare in panels[count:]:
+        spare.set_axis_off()
+    return panels[:count]
+
+
+def panel_name(name: str) -> str:
+    """A name that fits over a small panel: a long one is broken after an underscore."""
+    middle = len(name) // 2
+    places = [i + 1 for i, letter in enumerate(name) if letter == "_"]
+    if len(name) <= 16 or not places:
+        return name
+    cut = min(places, key=lambda place: abs(place - middle))
+    return f"{name[:cut]}\n{name[cut:]}"
+
+
 def few_ticks() -> MaxNLocator:
     """Return at most five round ticks, as many as a small panel holds."""
     return MaxNLocator(4, steps=[1, 2, 5, 10])
@@ -69,9 +88,9 @@ def show_image(ax: Axes, image: UInt8[np.ndarray, "height width"]) -> None:
     ax.spines[:].set_visible(False)
 
 
-def legend_above(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
-    """Put one legend for all panels in a row above them."""
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(handles))
+def legend_above(figure: Figure, handles: Sequence[Artist], labels: Sequence[str], columns: int = 12) -> None:
+    """Put one legend for all panels above them, in rows of at most so many names."""
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(len(handles), columns))
 
 
 def to_svg(figure: Figure) -> bytes:

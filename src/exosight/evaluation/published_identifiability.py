@@ -1,4 +1,4 @@
-"""What a single view can tell at best: the smallest force on each contact that an outline resolves.
+"""What a single view of the published system can tell at best: the smallest force that an outline resolves.
 
 An equilibrium depends on numbers p that the picture does not state: the actuation, the exosuit's radius along
 its length, its length, and how stiff everything is. To first order p moves the outline in the picture by J_y
@@ -22,13 +22,15 @@ from jaxtyping import Array, Bool, Float
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble_surface, observe
+from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import radius, radius_slope
 from exosight.mechanics import Circular, Robot, Rod, differentiable, drive
 from exosight.mechanics.sensitivity import SNAP
 
 KNOTS = 6
 """Places along the exosuit at which its radius is unknown; straight in between."""
-HINGES = 3
+HINGES, FORCES = len(Finger().joint_stiffness), len(Finger().sphere_radii()) - 1
+"""Hinges of the finger, and contacts on it that are estimated."""
 PARAMETERS = (
     "u",
     "young",
@@ -41,6 +43,9 @@ PARAMETERS = (
 
 NOISE = 0.1
 """Standard deviation of an outline point across the outline [pixels]: what a sharp edge allows."""
+
+STEP = 0.05
+"""Loads are approached from rest in steps of this [N]."""
 
 _ON_LINK = 8  # outline points on a link of the finger, one every 3 to 6 mm
 OUTLINE = 2 * QUADRATURE.size + 1 + HINGES * _ON_LINK + 1
@@ -78,13 +83,13 @@ class Sensitivity:
 
     u: Float[np.ndarray, " loads"]
     """[N]"""
-    forces: Float[np.ndarray, "loads 7"]
-    """on C1…C7 [N]"""
+    forces: Float[np.ndarray, "loads outputs"]
+    """on the estimated contacts [N]"""
     stable: Bool[np.ndarray, " loads"]
     """Whether the pose has derivatives: found, and not about to snap. Elsewhere these are NaN."""
     outline: Float[np.ndarray, "loads points parameters"]
     """derivatives of the outline points' shift across the outline [m a unit]"""
-    force: Float[np.ndarray, "loads 7 parameters"]
+    force: Float[np.ndarray, "loads outputs parameters"]
     """derivatives of the forces [N a unit]"""
 
 
@@ -96,30 +101,33 @@ def sensitivity(exosuit: Exosuit, loads: Float[np.ndarray, " loads"]) -> Sensiti
 
     loads   (loads,)  rising, 0 or more [N]
 
-    Raises InputError for other loads, or a finger with another number of hinges than 3.
+    Raises InputError for other loads, or a finger with another number of hinges.
     """
     loads = np.asarray(loads, dtype=float)
     if not (len(loads) and loads[0] >= 0 and np.all(np.diff(loads) > 0) and np.isfinite(loads[-1])):
         raise InputError(f"loads: expected rising numbers from 0 N, got {loads.tolist()}")
     if len(exosuit.finger.joint_stiffness) != HINGES:
-        raise InputError(f"finger: expected 3 hinges, got {len(exosuit.finger.joint_stiffness)}")
+        raise InputError(f"finger: expected {HINGES} hinges, got {len(exosuit.finger.joint_stiffness)}")
+    grid = np.arange(STEP, loads[-1], STEP)
+    path = np.union1d(np.round(grid, 9), loads)
     # Assembled outside of compiled code, where bodies are checked as they are made.
     robot = _robot(exosuit, np.zeros(len(PARAMETERS)))
     slopes = jax.jacfwd(lambda p: _robot(exosuit, p))(jnp.zeros(len(PARAMETERS)))
-    found = drive([robot], loads[:, None])
-    stable = np.asarray(found.converged[0] & (found.min_eigenvalue[0] > 10 * SNAP))
-    forces = np.full((len(loads), 7), np.nan)
+    found = drive([robot], path[:, None])
+    at = np.searchsorted(path, loads)
+    stable = np.asarray(found.converged[0, at] & (found.min_eigenvalue[0, at] > 10 * SNAP))
+    forces = np.full((len(loads), FORCES), np.nan)
     outline = np.full((len(loads), OUTLINE, len(PARAMETERS)), np.nan)
-    force = np.full((len(loads), 7, len(PARAMETERS)), np.nan)
+    force = np.full((len(loads), FORCES, len(PARAMETERS)), np.nan)
     for k in np.flatnonzero(stable):
-        (outline[k], force[k]), forces[k] = _derivatives(robot, slopes, loads[k], found.q[0, k])
+        (outline[k], force[k]), forces[k] = _derivatives(robot, slopes, loads[k], found.q[0, at[k]])
     return Sensitivity(loads, forces, stable, outline, force)
 
 
 def resolved(
     of: Sensitivity, prior: Prior = MATERIAL_KNOWN, noise: float = NOISE, metres_per_pixel: float = 0.0011
-) -> Float[np.ndarray, "loads 8"]:
-    """Standard deviations of C1…C7 and F_net that remain once a picture is seen [N].
+) -> Float[np.ndarray, "loads forces"]:
+    """Standard deviations of the estimated contacts and of F_net that remain once a picture is seen [N].
 
     NaN where a contact is free, or the pose has no derivatives.
 
@@ -130,7 +138,7 @@ def resolved(
     if not noise > 0:
         raise InputError(f"noise: expected above 0 pixels, got {noise}")
     scale = prior.deviations()
-    out = np.full((len(of.u), 8), np.nan)
+    out = np.full((len(of.u), FORCES + 1), np.nan)
     for k in np.flatnonzero(of.stable):
         # In units of the prior's deviations, whose own information then is the identity.
         seen = of.outline[k] * scale / (noise * metres_per_pixel)
@@ -178,7 +186,9 @@ def _hats(
     return hats, slopes
 
 
-def _measured(robot: Robot, q: Float[Array, " dofs"]) -> tuple[Float[Array, " points"], Float[Array, "7"]]:
+def _measured(
+    robot: Robot, q: Float[Array, " dofs"]
+) -> tuple[Float[Array, " points"], Float[Array, " forces"]]:
     """Shift of the outline points across the reference outline, up to a constant [m], and the forces [N]."""
     batched = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], robot)
     pose = jax.tree.map(lambda leaf: leaf[0, 0], observe(batched, q[None, None]))
@@ -212,7 +222,9 @@ def _directions(
 @jax.jit
 def _derivatives(
     robot: Robot, slopes: Robot, u: Float[AnyArray, ""], q: Float[AnyArray, " dofs"]
-) -> tuple[tuple[Float[Array, "points parameters"], Float[Array, "7 parameters"]], Float[Array, "7"]]:
+) -> tuple[
+    tuple[Float[Array, "points parameters"], Float[Array, "forces parameters"]], Float[Array, " forces"]
+]:
     """Derivatives of outline and forces by PARAMETERS, and the forces.
 
     slopes   derivatives of the robot's numbers, along a last axis

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from schemas import mixed_schema, published_schema
 
 from exosight.errors import InputError
-from exosight.learning.samples import (
-    Samples,
+from exosight.learning.training_data import (
+    TrainingData,
     balanced,
-    check_samples,
+    check_training_data,
     epoch_batches,
     fingerprint,
     scale_of,
@@ -17,14 +18,14 @@ from exosight.learning.samples import (
 )
 
 
-def test_good_frames_pass(blobs: Samples):
-    check_samples(blobs)
+def test_good_frames_pass(blobs: TrainingData):
+    check_training_data(blobs)
 
 
-def broken(forces: np.ndarray, value: float) -> np.ndarray:
-    forces = forces.copy()
-    forces[11, 3] = value
-    return forces
+def broken(labels: np.ndarray, value: float) -> np.ndarray:
+    labels = labels.copy()
+    labels[11, 3] = value
+    return labels
 
 
 @pytest.mark.parametrize(
@@ -32,17 +33,21 @@ def broken(forces: np.ndarray, value: float) -> np.ndarray:
     [
         (lambda f: {"images": f.images.astype(np.float32)}, "images: expected uint8"),
         (lambda f: {"images": f.images[0]}, "images: expected uint8"),
-        (lambda f: {"images": f.images[:-1]}, r"forces: expected float32 \(79, 7\)"),
-        (lambda f: {"forces": f.forces.astype(np.float64)}, "forces: expected float32"),
-        (lambda f: {"forces": f.forces[:, :6]}, "forces: expected float32"),
-        (lambda f: {"forces": broken(f.forces, np.nan)}, "frame 11"),
-        (lambda f: {"forces": broken(f.forces, np.inf)}, "frame 11"),
-        (lambda f: {"forces": broken(f.forces, -1e-3)}, "at least 0 N.*frame 11"),
-        (lambda f: {"auxiliary": f.auxiliary[:-1]}, r"auxiliary: expected float32 \(80, n\)"),
+        (lambda f: {"images": f.images[:, :-1]}, r"images: expected uint8 \(frames, 40, 40\)"),
+        (lambda f: {"images": f.images[:-1]}, r"labels: expected float32 \(79, 7\), one row of C1, C2"),
+        (lambda f: {"labels": f.labels.astype(np.float64)}, "labels: expected float32"),
+        (lambda f: {"labels": f.labels[:, :6]}, "labels: expected float32"),
+        (lambda f: {"labels": broken(f.labels, np.nan)}, "got nan for C4 in frame 11"),
+        (lambda f: {"labels": broken(f.labels, np.inf)}, "got inf for C4 in frame 11"),
+        (
+            lambda f: {"labels": broken(f.labels, -1e-3)},
+            "forces of at least 0, got -0.001 for C4 in frame 11",
+        ),
+        (lambda f: {"auxiliary": f.auxiliary[:-1]}, r"auxiliary: expected finite float32 \(80, 2\)"),
         (lambda f: {"auxiliary": np.full_like(f.auxiliary, np.nan)}, "auxiliary: expected finite"),
-        (lambda f: {"u": np.zeros(80)}, r"u: expected 80 finite float32 newtons"),
-        (lambda f: {"u": np.zeros(79, np.float32)}, r"u: expected 80 finite.*\(79,\)"),
-        (lambda f: {"u": np.full(80, np.inf, np.float32)}, "u: expected 80 finite"),
+        (lambda f: {"commands": np.zeros((80, 1))}, r"commands: expected finite float32 \(80, 1\)"),
+        (lambda f: {"commands": np.zeros(80, np.float32)}, r"commands: expected finite.*\(80,\)"),
+        (lambda f: {"commands": np.full((80, 1), np.inf, np.float32)}, "commands: expected finite"),
         (lambda f: {"previous": np.arange(79)}, r"previous: expected 80 frame numbers.*\(79,\)"),
         (lambda f: {"previous": np.arange(1, 81)}, "previous: expected frame numbers from 0 to 79"),
         (lambda f: {"previous": np.arange(80.0)}, "previous: expected a list of integers"),
@@ -58,24 +63,47 @@ def broken(forces: np.ndarray, value: float) -> np.ndarray:
         (lambda f: {"validation_index": np.array([70, 3])}, "share 1 frames"),
     ],
 )
-def test_frames_that_cannot_be_learned_from_are_refused(blobs: Samples, change, message: str):
+def test_frames_that_cannot_be_learned_from_are_refused(blobs: TrainingData, change, message: str):
     with pytest.raises(InputError, match=message):
-        check_samples(replace(blobs, **change(blobs)))
+        check_training_data(replace(blobs, **change(blobs)))
 
 
-def test_scale_is_the_standard_deviation_of_each_contact(blobs: Samples):
-    scale = scale_of(blobs.forces)
+def test_scale_is_the_standard_deviation_of_each_contact(blobs: TrainingData):
+    scale = scale_of(blobs.labels, ["N"] * 7)
     varying = [0, 1, 2, 3, 4, 6]
-    assert scale[varying] == pytest.approx(blobs.forces[:, varying].astype(float).std(axis=0))
+    assert scale[varying] == pytest.approx(blobs.labels[:, varying].astype(float).std(axis=0))
 
 
-def test_a_contact_that_never_varies_gets_a_small_scale_not_a_vanishing_one(blobs: Samples):
-    scale = scale_of(blobs.forces)
+def test_a_contact_that_never_varies_gets_a_small_scale_not_a_vanishing_one(blobs: TrainingData):
+    scale = scale_of(blobs.labels, ["N"] * 7)
     assert scale[5] == pytest.approx(scale.max() / 100)
 
 
+def test_units_have_smallest_scales_of_their_own():
+    """In millinewtons, what hardly varies in radians would be drowned; the bound is within a unit."""
+    values = np.zeros((4, 4), np.float32)
+    values[:, 0], values[:, 2] = [0, 1000, 0, 1000], [0, 0.2, 0, 0.2]
+    scale = scale_of(values, ["mN", "mN", "rad", "rad"])
+    assert scale == pytest.approx([500, 5, 0.1, 0.001])
+
+
+def test_an_angle_may_be_negative(blobs: TrainingData):
+    schema = mixed_schema(40, 40)
+    labels = blobs.labels[:, :4].copy()
+    labels[:, 1] -= 1.0
+    check_training_data(replace(blobs, schema=schema, labels=labels))
+    with pytest.raises(InputError, match="for zone_1 in frame 0"):
+        check_training_data(replace(blobs, schema=schema, labels=labels[:, [0, 2, 1, 3]]))
+
+
+def test_a_system_without_anything_to_estimate_is_refused(blobs: TrainingData):
+    sensors = tuple(replace(sensor, estimated=False) for sensor in blobs.schema.sensors)
+    with pytest.raises(InputError, match=r"at least one sensor to estimate.*add estimated = true"):
+        check_training_data(replace(blobs, schema=replace(blobs.schema, sensors=sensors)))
+
+
 def test_forces_that_never_vary_at_all_get_one_newton():
-    assert scale_of(np.full((5, 7), 0.5, np.float32)).tolist() == [1.0] * 7
+    assert scale_of(np.full((5, 7), 0.5, np.float32), ["N"] * 7).tolist() == [1.0] * 7
 
 
 @given(
@@ -111,7 +139,7 @@ def test_frames_of_a_rare_contact_come_as_often_as_their_rarity_asks():
     index = np.arange(300, 1300)
     forces[300:400, 0] = 0.1
     forces[300:320, 6] = 0.1
-    shown = np.bincount(balanced(index, forces, seed=1, epoch=1), minlength=1300)
+    shown = np.bincount(balanced(index, forces > 0, seed=1, epoch=1), minlength=1300)
     assert shown.sum() == len(index)
     assert shown[:300].sum() == 0
     for part, weight in ((slice(300, 320), 50), (slice(320, 400), 10), (slice(400, 1300), 1)):
@@ -125,7 +153,7 @@ def test_epochs_show_other_frames_of_a_common_kind():
     forces = np.zeros((1000, 7), np.float32)
     forces[:20, 6] = 0.1
     index = np.arange(1000)
-    first, again, next_one = (set(balanced(index, forces, 0, epoch).tolist()) for epoch in (1, 1, 2))
+    first, again, next_one = (set(balanced(index, forces > 0, 0, epoch).tolist()) for epoch in (1, 1, 2))
     assert first == again
     assert first != next_one
     assert set(range(20)) <= first & next_one
@@ -133,34 +161,27 @@ def test_epochs_show_other_frames_of_a_common_kind():
 
 def test_frames_that_all_load_the_same_come_once_each():
     forces = np.ones((50, 7), np.float32)
-    assert sorted(balanced(np.arange(50), forces, 3, 4)) == list(range(50))
+    assert sorted(balanced(np.arange(50), forces > 0, 3, 4)) == list(range(50))
 
 
-def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: Samples):
-    images, forces = blobs.images.copy(), blobs.forces.copy()
+def test_fingerprint_notices_one_gray_value_one_digit_and_the_split(blobs: TrainingData):
+    images, labels = blobs.images.copy(), blobs.labels.copy()
     images[3, 2, 1] ^= 1
-    forces[0, 0] = np.nextafter(forces[0, 0], np.float32(9))
+    labels[0, 0] = np.nextafter(labels[0, 0], np.float32(9))
     others = [
         replace(blobs, images=images),
-        replace(blobs, forces=forces),
+        replace(blobs, labels=labels),
         replace(blobs, train_index=blobs.train_index[::-1]),
         replace(blobs, train_index=blobs.train_index[:-1]),
         replace(blobs, auxiliary=blobs.auxiliary[:, :1]),
-        replace(blobs, u=blobs.forces[:, 0]),
+        replace(blobs, commands=blobs.labels[:, :1]),
+        replace(blobs, schema=published_schema(40, 44)),
         replace(blobs, previous=np.arange(80)),
     ]
     prints = {
         fingerprint(samples) for samples in [blobs, replace(blobs, images=blobs.images.copy()), *others]
     }
     assert len(prints) == 1 + len(others)
-
-
-def test_the_fingerprint_of_frames_without_u_and_past_is_what_it_always_was():
-    """Runs that were begun before networks could see more must go on."""
-    grays = np.arange(48, dtype=np.uint8).reshape(3, 4, 4)
-    forces = np.arange(21, dtype=np.float32).reshape(3, 7)
-    samples = Samples(grays, forces, np.arange(2), np.arange(2, 3), forces[:, :2].copy())
-    assert fingerprint(samples) == "72d75a749b1fd6b8a30307d40b2deabc5cd857b816a3ba303b1d8e4e89d0aa0e"
 
 
 def test_a_stack_holds_a_frame_and_those_before_it_newest_first():

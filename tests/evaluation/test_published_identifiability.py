@@ -7,7 +7,7 @@ import pytest
 
 from exosight.errors import InputError
 from exosight.evaluation import figures
-from exosight.evaluation.identifiability import (
+from exosight.evaluation.published_identifiability import (
     MATERIAL_KNOWN,
     MATERIAL_VARIES,
     PARAMETERS,
@@ -17,6 +17,7 @@ from exosight.evaluation.identifiability import (
     sensitivity,
 )
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import PublishedDesigns
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.exosuit.simulation import simulate
 
@@ -134,7 +135,9 @@ def test_loads_and_noise_out_of_range_are_refused() -> None:
 def test_the_map_shows_every_contact_of_every_case() -> None:
     found = np.full((3, 8), 0.01)
     found[0] = np.nan
-    figure = figures.identifiability_map(np.array([0.0, 1.0, 2.0]), {"known": found, "varies": found})
+    figure = figures.identifiability_map(
+        PublishedDesigns().schema.controllable, np.array([0.0, 1.0, 2.0]), {"known": found, "varies": found}
+    )
     panels = [ax for ax in figure.axes if ax.get_title()]
     assert [ax.get_title() for ax in panels] == ["known", "varies"]
     for ax in panels:

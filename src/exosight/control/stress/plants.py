@@ -1,0 +1,111 @@
+"""The systems of a stress run: the one that controllers are tuned for, and those that come instead."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+from exosight.control.paths import ControllerConfig
+from exosight.control.trials import CONTROL_SHAPE
+from exosight.control.tuning import tune
+from exosight.errors import InputError
+from exosight.exosuit.assembly import Exosuit, varied
+from exosight.exosuit.published import PublishedDesigns, published
+from exosight.exosuit.variation import PlantVariation, draw_variant
+from exosight.system.camera import Camera
+from exosight.system.design import Design
+from exosight.system.designs import DesignSet, FileDesigns
+from exosight.system.system import System
+
+Limits = tuple[float, float]
+
+PUBLISHED_TARGETS = (0.1, 0.4)
+"""Targets of the published system by default [N]."""
+PUBLISHED_SNAP_TARGETS = (0.26, 0.34)
+"""Constant targets around the jump of the published system's F_net [N]."""
+PUBLISHED_VARIATION = PlantVariation(
+    link_length=(0.97, 1.03),
+    finger_radius=(0.95, 1.05),
+    joint_stiffness=(0.8, 1.25),
+    young=(0.8, 1.25),
+    gap=(0.0, 0.0005),
+    mount_angle=(-0.02, 0.02),
+    mount_offset=(-0.002, 0.002),
+)
+"""By how much exosuit, finger and mount of the published system differ from those that were tuned for."""
+
+_TARGETS = (0.15, 0.7)  # shares of the largest reading within the limits, for a system of a file
+_AROUND_SNAP = (0.92, 1.03)  # of the readings before and after the first jump; the published ones are near it
+
+
+@dataclass(frozen=True)
+class StressPlants:
+    """What a stress run is about.
+
+    limits        what the controllers know of the nominal system
+    nominal       the system that they were tuned for
+    other         a system that differs from it, by (seed, number)
+    targets       smallest and largest target by default [the sensor's unit]
+    snap_targets  constant targets around the jump of the nominal system [the sensor's unit]
+    """
+
+    limits: ControllerConfig
+    nominal: System
+    other: Callable[[int, int], System]
+    targets: Limits
+    snap_targets: Limits
+
+
+def stress_plants(
+    designs: DesignSet, camera: Camera | None = None, sensor: str | None = None, channel: str | None = None
+) -> StressPlants:
+    """The paper's exosuit and its wearers for the published system; for a file, its system and designs.
+
+    camera   of the published system, by default the nominal one; a file names its own
+    sensor, channel   as for `exosight.control.tuning.tune`
+
+    Raises InputError for another set of designs, or a system that cannot be tuned.
+    """
+    if isinstance(designs, FileDesigns):
+        return _of_file(designs, sensor, channel)
+    if not isinstance(designs, PublishedDesigns):
+        raise InputError(f"stress: expected the published system or a system file, got {designs.name}")
+    exosuit, camera = Exosuit(CONTROL_SHAPE), camera or Camera()
+    nominal = published(exosuit, camera)
+    limits = tune(nominal, sensor, channel)
+    other = _others(exosuit, camera)
+    if limits.sensor == nominal.schema.controlled:
+        return StressPlants(limits, nominal, other, PUBLISHED_TARGETS, PUBLISHED_SNAP_TARGETS)
+    return StressPlants(limits, nominal, other, *_targets(limits))
+
+
+def _others(exosuit: Exosuit, camera: Camera) -> Callable[[int, int], System]:
+    def other(seed: int, number: int) -> System:
+        return published(varied(exosuit, draw_variant(PUBLISHED_VARIATION, seed, number)), camera)
+
+    return other
+
+
+def _of_file(designs: FileDesigns, sensor: str | None, channel: str | None) -> StressPlants:
+    nominal = designs.build(designs.nominal())
+    limits = tune(nominal, sensor, channel)
+
+    @lru_cache(maxsize=16)
+    def drawn(seed: int, count: int) -> tuple[Design, ...]:
+        return designs.draw(count, seed)
+
+    def other(seed: int, number: int) -> System:
+        # Design k is the same however many are drawn; as many as the next power of two are drawn but once.
+        return designs.build(drawn(seed, 1 << number.bit_length())[number])
+
+    return StressPlants(limits, nominal, other, *_targets(limits))
+
+
+def _targets(limits: ControllerConfig) -> tuple[Limits, Limits]:
+    """Targets, and those around the first jump, from the path that was tuned on."""
+    largest = float(limits.loading.controlled.max())
+    targets = _TARGETS[0] * largest, _TARGETS[1] * largest
+    jumps = limits.loading.jumps
+    if not jumps:
+        return targets, targets
+    before, after = jumps[0]
+    return targets, (_AROUND_SNAP[0] * before, _AROUND_SNAP[1] * max(before, after))
