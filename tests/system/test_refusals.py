@@ -1,7 +1,6 @@
 """A file that describes no system is refused in one sentence with the place of the fault."""
 
 import os
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -163,13 +162,6 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
         vary("cameras.side.pixel", "'1 mm'", "'2 mm'"),
         "vary.0: cameras.side.pixel changes what all designs share",
     ),
-    (
-        (
-            YOUNG,
-            f"{YOUNG}\nelements = 64\npoints_per_element = 32\nstrains=['bend_y', 'bend_z', 'stretch_x']",
-        ),
-        "not TOML",
-    ),
 ]
 
 
@@ -231,25 +223,21 @@ def test_a_row_of_a_profile_is_named(rows: str, sentence: str, write: Write, tmp
         read_system_file(write(profile("csv = 'p.csv'")))
 
 
-MANY_LINKS = "\n".join(f"[links.l{i}]\nlength='1 mm'\nradius=['1 mm','1 mm']" for i in range(3000))
-MANY_POINTS = (
-    "elements = 64\npoints_per_element = 32\nstrains = ['bend_y', 'bend_z', 'stretch_x', 'torsion_x']"
-)
+LINKS = "\n".join(f"[links.l{i}]\nlength = '1 mm'\nradius = ['1 mm', '1 mm']" for i in range(3000))
+FINE = "elements = 64\npoints_per_element = 32\nstrains = ['bend_y', 'bend_z', 'stretch_x', 'torsion_x']"
 
 
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (("[sensors.near]", f"{MANY_LINKS}\n[sensors.near]"), "links: expected at most 256"),
-        (("elements = 3\npoints_per_element = 4", MANY_POINTS), "system: expected at most 500 coordinates"),
+        (("[sensors.near]", f"{LINKS}\n[sensors.near]"), "links: expected at most 256"),
+        (("elements = 3\npoints_per_element = 4", FINE), "system: expected at most 500 coordinates, got 518"),
         (("at = [0.5, 1.0]", f"at = {[i / 4000 for i in range(1002)]}"), "more than 1000 dots"),
     ],
     ids=["links", "elements", "places"],
-)  # fmt: skip
+)
 def test_a_system_that_is_too_large_is_refused_before_it_is_made(
     change: tuple[str, str], sentence: str, write: Write
 ) -> None:
-    begun = time.process_time()
     with pytest.raises((InputError, DataError), match=sentence):
         FileDesigns(read_system_file(write(change)))
-    assert time.process_time() - begun < 60  # a hang, not a speed

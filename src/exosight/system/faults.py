@@ -39,7 +39,11 @@ _WORDS = (
 def at_place(place: str, make: Callable[..., Made], *arguments: object) -> Made:
     """What `make` returns at the arguments.
 
+<<<<<<< HEAD
+    Raises an InputError for any ValueError of it; a place at the beginning of its message is within `place`.
+=======
     Raises an InputError for any ValueError of it; a place that begins its message is one within `place`.
+>>>>>>> main
     """
     try:
         return make(*arguments)
