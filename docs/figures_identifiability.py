@@ -4,9 +4,14 @@ from pathlib import Path
 
 import numpy as np
 from _parts.pages import fill, save, table_of
-from exosight.evaluation.identifiability import MATERIAL_KNOWN, MATERIAL_VARIES, resolved, sensitivity
 
 from exosight.evaluation.figures import identifiability_map
+from exosight.evaluation.published_identifiability import (
+    MATERIAL_KNOWN,
+    MATERIAL_VARIES,
+    resolved,
+    sensitivity,
+)
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape, Linear, Sine
 

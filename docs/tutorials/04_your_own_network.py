@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from exosight.app.pipeline import fit, load
+from exosight.app.data import load
+from exosight.app.pipeline import fit
 from exosight.dataset import make_split
 from exosight.dataset.generation import GenerateConfig, generate
 from exosight.learning import TrainConfig

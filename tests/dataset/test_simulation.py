@@ -202,7 +202,7 @@ def test_every_frame_is_kept_or_counted(manifest: Manifest, frames: Frames) -> N
 
 
 def test_no_stored_frame_is_one_to_be_left_out(manifest: Manifest, frames: Frames) -> None:
-    for number in np.unique(frames.design):
+    for number in np.unique(frames.design).tolist():
         seen = observed(manifest, frames, number)
         fine = np.ones(seen.readings.shape[:2], dtype=bool)
         system = SET.build(manifest.designs[number])
@@ -220,7 +220,7 @@ def observed(manifest: Manifest, frames: Frames, number: int) -> Observation:
 
 
 def test_labels_and_images_follow_from_the_stored_poses(manifest: Manifest, frames: Frames) -> None:
-    for number in np.unique(frames.design):
+    for number in np.unique(frames.design).tolist():
         mine = frames.design == number
         seen = observed(manifest, frames, number)
         # Sensors are stored as float32: seven digits.

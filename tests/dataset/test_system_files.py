@@ -97,7 +97,7 @@ def test_frames_are_equilibria_of_their_designs_under_their_commands(
     designs = design_set(config_of(manifest), manifest.description)
     assert len(frames) + sum(manifest.dropped.values()) == len(manifest.designs) * CONFIGS[name].frames
     assert frames.labels.max() > 0.01  # something is pressed on
-    for number in np.unique(frames.design):
+    for number in np.unique(frames.design).tolist():
         mine = np.flatnonzero(frames.design == number)
         system = designs.build(manifest.designs[number])
         path = load_path(frames.schema, CONFIGS[name].frames, manifest.seed, number)
@@ -126,7 +126,7 @@ def test_what_varies_is_kept_and_can_be_held_out(folders: dict[str, Path]) -> No
     frames, columns = read_frames(folders["two_lines"]), read_variation(folders["two_lines"])
     designs = read_manifest(folders["two_lines"]).designs
     for number, young in zip(frames.design, columns["plant.rods.rod.young"], strict=True):
-        assert designs[number].parameters["rods.rod.young"] == f"{young!r} kPa"
+        assert designs[number].parameters["rods.rod.young"] == f"{float(young)!r} kPa"
     assert np.ptp(columns["lighting.rod_tube_shade"]) > 0.2
     np.testing.assert_array_equal(columns["lighting.bar_tube_shade"], np.full(len(frames), 0.6))
     split = make_split(frames, "variation", 0, "plant.rods.rod.young", columns)

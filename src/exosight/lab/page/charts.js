@@ -15,8 +15,8 @@ export function sensorTable(host, sensors, { truth, estimates }) {
     const rows = group.map(({ name, unit }) => {
       const zero = svg("line", { class: "zero", y1: "0", y2: "100%" });
       const bar = svg("rect", { class: "true", y: "18%", height: "64%", rx: 1.5 });
-      const whisker = svg("line", { class: "whisker", y1: "50%", y2: "50%" });
-      const dot = svg("circle", { class: "dot", cy: "50%", r: 4.5 });
+      const whisker = svg("line", { class: "whisker", y1: "50%", y2: "50%", display: "none" });
+      const dot = svg("circle", { class: "dot", cy: "50%", r: 4.5, display: "none" });
       const cells = columns.map(() => html("td"));
       const drawing = svg("svg", { "aria-hidden": "true" }, zero, bar, whisker, dot);
       const row = html("tr", {}, html("th", { scope: "row" }, ...named(name), html("span", { class: "unseen" }, ` [${unit}]`)),
@@ -44,8 +44,8 @@ export function sensorTable(host, sensors, { truth, estimates }) {
       place(zero, "x2", 0);
       place(bar, "x", Math.min(0, real ?? 0));
       bar.setAttribute("width", `${Math.abs(share(real ?? 0) - share(0))}%`);
-      whisker.style.display = low === undefined ? "none" : "";
-      dot.style.display = value === undefined ? "none" : "";
+      whisker.setAttribute("display", low === undefined ? "none" : "inline");
+      dot.setAttribute("display", value === undefined ? "none" : "inline");
       if (low !== undefined) { place(whisker, "x1", low); place(whisker, "x2", high); }
       if (value !== undefined) place(dot, "cx", value);
       const words = [...(truth ? [real] : []), ...(estimates ? [value] : [])].map((each) => each?.toFixed(3).replace("-", "−") ?? "");

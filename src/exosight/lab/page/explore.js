@@ -64,6 +64,7 @@ export function explore(about, problem) {
     by("status").hidden = true;
     pose.draw(found.scene);
     by("image").src = `data:image/png;base64,${found.image}`;
+    by("image").alt = `Camera image, ${about.scene.pixels.join(" by ")} pixels`;
     table(found.readings, found.reading?.estimates);
     facts();
     by("notes").hidden = !found.notes.length;
@@ -77,7 +78,6 @@ export function explore(about, problem) {
 
   function facts() {
     const { name, unit } = chosen.sensor, value = guessed();
-    for (const each of document.querySelectorAll(".chosen-sensor")) each.replaceChildren(...named(name));
     by("value-true").textContent = quantity(read(name), unit);
     by("value-estimated").textContent = value === undefined ? "none" : quantity(value, unit);
     if (!shown.reading) return;
@@ -240,6 +240,7 @@ export function explore(about, problem) {
   }
 
   function title() {
+    for (const each of document.querySelectorAll(".chosen-sensor")) each.replaceChildren(...named(chosen.sensor.name));
     by("path-title").replaceChildren(...named(chosen.sensor.name), " over ", ...named(channels[chosen.channel].name));
   }
 
@@ -275,7 +276,6 @@ export function explore(about, problem) {
   });
   by("system").textContent = about.system;
   by("pose-legend").prepend(...tubeLegend(about));
-  by("image").alt = `Camera image, ${about.scene.pixels.join(" by ")} pixels`;
   for (const each of document.querySelectorAll(".estimates")) each.hidden = !estimates;
   by("no-estimates").hidden = estimates;
   by("no-estimates").textContent = estimates ? "" : `${about.network.refusal[0].toUpperCase()}${about.network.refusal.slice(1)}.`;

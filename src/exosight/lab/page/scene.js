@@ -50,6 +50,7 @@ export function scene(host, about) {
   host.append(drawing);
   const height = Math.min(size[1] * k, WIDTH * TALL);
   const box = [(centre[0] - size[0] / 2) * k, -centre[1] * k - height / 2, WIDTH, height];
+  drawing.setAttribute("viewBox", box.join(" "));
   const at = ([x, z]) => [x * k, -z * k];
 
   /** What is cut off of the camera's view is brought back where a pose needs it. */
