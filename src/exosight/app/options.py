@@ -111,6 +111,10 @@ _PLAINER = (
     (r"invalid literal for int\(\) with base 10:", "expected a whole number, got"),
     (r"could not convert string to float:", "expected a number, got"),
     (r"Could not find valid parse for arguments: \[(.*)\]", r"expected numbers, got \1"),
+    (
+        r"no type matching \{?\[FLOAT \[FLOAT \.\.\.\]\]\}? could be instantiated from \[(.*)\]",
+        r"expected numbers, got \1",
+    ),
     (r"no type matching \{(.*?)\} could be instantiated from \[(.*)\]", r"expected \1, got \2"),
     (r"no type matching (\S+) could be instantiated from \[(.*)\]", r"expected \1, got \2"),
     (

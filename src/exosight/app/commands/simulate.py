@@ -82,8 +82,8 @@ def simulate(
         young: Young's modulus [Pa], 1e3…1e9
         contact_stiffness: penalty stiffness of the contact spheres [N/m], 1…1e6
         gap: clearance between exosuit and finger at the base [m], 0…0.1
-        u: actuation, any number of loads; of an exosuit [N] within ±50, positive pushes, negative pulls,
-            0 1 2 3 4 if left out; of a system with one channel in its unit and range
+        u: actuation [N], any number of loads within ±50; positive pushes, negative pulls; 0 1 2 3 4 if
+            left out; of another system with one channel: in the unit and range of that
         system: a preset or a system file, see `exosight system`
         commands: of a system, each one equilibrium: NAME=NUMBER of each channel, commas in between;
             channels left out rest at 0
@@ -104,7 +104,7 @@ def simulate(
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.simulation import simulate as solve
 
-    exosuit = Exosuit(shape, **about)
+    exosuit = Exosuit(shape, young=young, contact_stiffness=contact_stiffness, gap=gap)
     with waiting(WAITING):
         records = solve(exosuit, LOADS if u is None else u).records()
     _say_lost(records)
