@@ -32,7 +32,8 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.shifts import judge
-from exosight.app.pipeline import load, test_part
+from exosight.app.data import load
+from exosight.app.provenance import test_part
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.dataset.frames import take
 

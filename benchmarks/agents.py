@@ -26,6 +26,7 @@ from exosight.control.estimator import Reading
 from exosight.control.tuning import tune
 from exosight.environment.envs import GripVectorEnv
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 
 GRIPS = 64
 EPISODES = 96
@@ -117,7 +118,7 @@ def learn(steps: int) -> tuple[Policy, float]:
 
 def controller(grips: int) -> Policy:
     """The scheduled law behind its guard, one for each grip; its first measurement is of rest."""
-    config = tune(Exosuit(CONTROL_SHAPE))
+    config = tune(published(Exosuit(CONTROL_SHAPE)))
     own = [Guarded(Scheduled(config)) for _ in range(grips)]
 
     def act(states: np.ndarray, pictures: np.ndarray) -> np.ndarray:
@@ -125,7 +126,7 @@ def controller(grips: int) -> Policy:
         for i, guarded in enumerate(own):
             target, u, forces = float(states[i, 0]), float(states[i, 1]), states[i : i + 1, 2:]
             sure = Reading(forces, forces, forces, (forces > 0).astype(np.float32), np.zeros(1, np.float32))
-            wanted = guarded.step(target, Measurement(pictures[i, :, :, 0], sure, u=u))
+            wanted = guarded.step(target, Measurement(pictures[i, :, :, 0], sure, commands=np.array([u])))
             actions[i] = (wanted - u) / config.step
         return actions
 

@@ -22,6 +22,7 @@ from exosight.control.simulated_device import SimulatedDevice
 from exosight.control.tuning import tune
 from exosight.cpu import cores
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 
 RATE = 60.0
 """[Hz]"""
@@ -35,16 +36,17 @@ def run(now: Callable[[], float] = perf_counter) -> dict[str, Any]:
 
     now   clock to measure with [s]; `time.process_time` leaves out what other programs take
     """
-    exosuit, network = Exosuit(CONTROL_SHAPE), OnnxEstimator.load(DEFAULT_MODEL)
-    guarded = Guarded(Scheduled(tune(exosuit, period=1 / RATE)))
+    network = OnnxEstimator.load(DEFAULT_MODEL)
+    system = published(Exosuit(CONTROL_SHAPE), camera_of(network.card))
+    guarded = Guarded(Scheduled(tune(system, period=1 / RATE)))
     time = np.arange(round(SECONDS * RATE)) / RATE
     target = np.where(time < SECONDS - 1, 0.22 + 0.10 * np.sin(2 * np.pi * 0.5 * time), 0.0)
     at_once = Clock(now, sleep=lambda seconds: None)
     steps: list[Step] = []
     for record in (lambda step: None, steps.append):  # the first time, code is compiled
-        device = SimulatedDevice(SimulatedPlant(exosuit, camera_of(network.card)), at_once)
+        device = SimulatedDevice(SimulatedPlant(system), guarded.config, at_once)
         run_live(device, network.read, guarded, device, target.tolist(), record, at_once)
-    moves = np.diff([step.u for step in steps], prepend=0.0) != 0
+    moves = np.diff([step.command for step in steps], prepend=0.0) != 0
     seconds = np.array([step.seconds for step in steps])[moves]
     found: dict[str, Any] = {
         "name": "control step",

@@ -106,7 +106,8 @@ def _pages() -> dict[str, float]:
             for i in range(EACH):
                 start = time.perf_counter()
                 young = 2e5 + 1e3 * (number * EACH + i)
-                client.post("/api/view", json={"young": young, "drive": [2.4]}).raise_for_status()
+                view = {"design": {"young": young}, "drive": [[2.4]]}
+                client.post("/api/view", json=view).raise_for_status()
                 found.append(1e3 * (time.perf_counter() - start))
         return found
 
@@ -127,19 +128,21 @@ def run(seconds: float = 60) -> dict[str, Any]:
         page.wait_for_selector("#path path.down")
         lengths = rng.permutation(np.arange(70.0, 110.0, 0.1))
         found["actuation moved"] = _latency(
-            page, server, "#u", rng.permutation(np.tile(np.arange(80) * 0.05, 2))
+            page, server, "#channel-u", rng.permutation(np.tile(np.arange(80) * 0.05, 2))
         )
         for u, some in ((2.4, lengths[:REPEATS]), (4.0, lengths[REPEATS : 2 * REPEATS])):
-            page.evaluate(_MOVE, ["#u", u])
+            page.evaluate(_MOVE, ["#channel-u", u])
             found[f"new exosuit at {u} N"] = _latency(page, server, LENGTH, some)
-        page.evaluate(_MOVE, ["#u", 2.4])
+        page.evaluate(_MOVE, ["#channel-u", 2.4])
         server_memory, page_memory = [], []
         end, moves = time.monotonic() + seconds, 0
         while time.monotonic() < end:
             if moves % 50 == 0:
                 server_memory.append(_resident(server))
                 page_memory.append(_heap(page))
-            page.evaluate(_MOVE, [LENGTH, rng.uniform(70, 110)] if moves % 2 else ["#u", rng.uniform(0, 4)])
+            page.evaluate(
+                _MOVE, [LENGTH, rng.uniform(70, 110)] if moves % 2 else ["#channel-u", rng.uniform(0, 4)]
+            )
             moves += 1
         browser.close()
         for name, memory in (("server", server_memory), ("page", page_memory)):

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from exosight.app.pipeline import Data, load, test_part
+from exosight.app.data import Data, load
+from exosight.app.provenance import test_part
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.designs import config_of, design_set

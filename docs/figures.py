@@ -18,7 +18,7 @@ from exosight.evaluation.figures.style import (
     show_image,
     styled,
 )
-from exosight.evaluation.metrics import CONTACTS
+from exosight.evaluation.published import CONTACTS_PUBLISHED
 from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, Pose, assemble, varied
 from exosight.exosuit.published import EXOSUIT_SHADE, FINGER_SHADE, published
 from exosight.exosuit.shapes import radius
@@ -38,6 +38,8 @@ from exosight.vision.renderer import AMBIENT, LAMP
 from exosight.vision.scene import cover, picture
 from exosight.vision.transforms.composition import BACKGROUND_KINDS
 from exosight.vision.transforms.foreground import OCCLUSION_KINDS
+
+CONTACTS = tuple(contact.name for contact in CONTACTS_PUBLISHED)
 
 IMAGES = Path(__file__).parent / "images"
 LOADS = (0.0, 0.8, 1.6, 2.4, 3.2, 4.0)

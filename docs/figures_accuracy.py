@@ -25,12 +25,14 @@ from matplotlib.figure import Figure
 
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.evaluation.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
-from exosight.evaluation.metrics import CONTACTS
+from exosight.evaluation.published import CONTACTS_PUBLISHED
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.shapes import FAMILIES, ExosuitShape, Linear
 from exosight.exosuit.simulation import simulate
 from exosight.system.camera import Camera
 from exosight.vision.scene import picture as seen
+
+CONTACTS = tuple(contact.name for contact in CONTACTS_PUBLISHED)
 
 HERE = Path(__file__).parent
 PAGE, RESULTS = HERE / "accuracy.md", HERE / "results" / "accuracy"

@@ -17,12 +17,14 @@ from PIL import Image
 from exosight.control import CONTROL_SHAPE, OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.evaluation.figures.style import BLACK, ESTIMATED, GRAY, TRUE, new_figure, show_image, styled
-from exosight.evaluation.metrics import CONTACTS
+from exosight.evaluation.published import CONTACTS_PUBLISHED
 from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
 from exosight.exosuit.published import published
 from exosight.mechanics import drive, stack
 from exosight.system.camera import Camera, project
 from exosight.vision.scene import picture
+
+CONTACTS = tuple(contact.name for contact in CONTACTS_PUBLISHED)
 
 IMAGES = Path(__file__).parent / "images"
 TARGET, SEEN = IMAGES / "animation.gif", IMAGES / "camera.png"

@@ -35,8 +35,8 @@ from exosight.control import (
     measurement_from,
     run,
     run_guarded,
-    true_force,
     true_measurement,
+    true_reading,
 )
 from exosight.control.calibration import calibrate_estimator
 from exosight.control.estimator import DEFAULT_MODEL
@@ -62,6 +62,7 @@ from exosight.evaluation.figures.style import (
     styled,
 )
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 
 HERE = Path(__file__).parent
 PAGE, RESULT, IMAGES = HERE / "control.md", HERE / "results" / "control.json", HERE / "images"
@@ -88,30 +89,34 @@ def measure() -> dict[str, Any]:
     """Every run of both figures: traces and measures by controller and target, or gain."""
     estimator = OnnxEstimator.load(DEFAULT_MODEL)
     camera, exosuit = camera_of(estimator.card), Exosuit(CONTROL_SHAPE)
-    plant, config = SimulatedPlant(exosuit, camera), tune(exosuit)
-    stiffer = SimulatedPlant(replace(exosuit, young=STIFFER * exosuit.young), camera)
+    system = published(exosuit, camera)
+    plant, config = SimulatedPlant(system), tune(system)
+    stiffer = SimulatedPlant(published(replace(exosuit, young=STIFFER * exosuit.young), camera))
     constants = {f"{force:.2f} N": hold(force, STEADY_STATE_STEPS) for force in STEADY_STATE_TARGETS}
     step = hold_and_release(STEP_TARGET, round(STEP_SECONDS * 10))
-    own = calibrate_estimator(estimator, exosuit, config, camera)
+    own = calibrate_estimator(estimator, system, config)
 
     def paper(measured: Measure) -> dict[str, Any]:
-        law = Proportional(STEADY_STATE_GAIN)
+        law = Proportional(STEADY_STATE_GAIN, config.driven)
         return {name: _trace(run(plant, law, measured, target)) for name, target in constants.items()}
 
     def ours(sense: Sense, targets: Mapping[str, np.ndarray]) -> dict[str, Any]:
         return {name: _guarded(plant, config, sense, target) for name, target in targets.items()}
 
     def without(plant: Plant, targets: Mapping[str, np.ndarray]) -> dict[str, Any]:
-        return {n: _trace(run(plant, OpenLoop(config), true_force, t)) for n, t in targets.items()}
+        return {n: _trace(run(plant, OpenLoop(config), true_reading(), t)) for n, t in targets.items()}
 
     def gains(measured: Measure) -> dict[str, Any]:
-        return {f"{gain:g}": _trace(run(plant, Proportional(gain), measured, step)) for gain in STEP_GAINS}
+        return {
+            f"{gain:g}": _trace(run(plant, Proportional(gain, config.driven), measured, step))
+            for gain in STEP_GAINS
+        }
 
     return {
         "constant": {
-            LAW: paper(true_force),
-            LAW_IMAGE: paper(from_image(estimator)),
-            LAW_OWN: paper(from_image(own)),
+            LAW: paper(true_reading()),
+            LAW_IMAGE: paper(from_image(estimator, system.schema)),
+            LAW_OWN: paper(from_image(own, system.schema)),
             OPEN: without(plant, constants),
             OPEN_WRONG: without(stiffer, constants),
             OURS: ours(true_measurement, constants),
@@ -119,9 +124,9 @@ def measure() -> dict[str, Any]:
             OURS_OWN: ours(measurement_from(own), constants),
         },
         "step": {
-            LAW: gains(true_force),
-            LAW_IMAGE: gains(from_image(estimator)),
-            LAW_OWN: gains(from_image(own)),
+            LAW: gains(true_reading()),
+            LAW_IMAGE: gains(from_image(estimator, system.schema)),
+            LAW_OWN: gains(from_image(own, system.schema)),
             OPEN: without(plant, {"": step}),
             OPEN_WRONG: without(stiffer, {"": step}),
             OURS: ours(true_measurement, {"": step}),
@@ -145,18 +150,18 @@ def _guarded(plant: Plant, config: ControllerConfig, sense: Sense, target: np.nd
 
 def _trace(record: Record) -> dict[str, Any]:
     """A run as plain numbers."""
-    response = judge_response(record.time, record.target, record.F_net_true, record.u)
+    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
     held = record.target > 0
-    pressing = np.flatnonzero(record.F_net_true[~held] >= RELEASED)
+    pressing = np.flatnonzero(record.true[~held] >= RELEASED)
     released = (0 if not len(pressing) else int(pressing[-1]) + 1) / 10
     return {
         **{key: None if value != value else value for key, value in asdict(response).items()},
-        "seconds_to_5_mN": released if record.F_net_true[-1] < RELEASED else None,
-        "last": round(float(record.F_net_true[-1]), 4),
+        "seconds_to_5_mN": released if record.true[-1] < RELEASED else None,
+        "last": round(float(record.true[-1]), 4),
         "target": record.target.tolist(),
-        "true": record.F_net_true.round(4).tolist(),
-        "estimated": record.F_net_estimated.round(4).tolist(),
-        "u": record.u.round(4).tolist(),
+        "true": record.true.round(4).tolist(),
+        "estimated": record.estimated.round(4).tolist(),
+        "u": record.command.round(4).tolist(),
     }
 
 

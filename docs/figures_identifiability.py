@@ -1,4 +1,4 @@
-"""The picture and table of docs/identifiability.md, simulated anew: a minute or two on two cores."""
+"""Figure and table of docs/identifiability.md, by simulation: a minute or two on two cores."""
 
 from pathlib import Path
 
@@ -6,7 +6,12 @@ import numpy as np
 from _parts.pages import fill, save, table_of
 
 from exosight.evaluation.figures import identifiability_map
-from exosight.evaluation.identifiability import MATERIAL_KNOWN, MATERIAL_VARIES, resolved, sensitivity
+from exosight.evaluation.published_identifiability import (
+    MATERIAL_KNOWN,
+    MATERIAL_VARIES,
+    resolved,
+    sensitivity,
+)
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape, Linear, Sine
 
@@ -22,7 +27,7 @@ LOADS = np.arange(0.1, 4.01, 0.1)
 
 
 def row(name: str, found: np.ndarray, forces: np.ndarray) -> list[str]:
-    """Medians over the actuations at which one contact presses, two do, and of F_net."""
+    """Medians over the actuations with one and with two loaded contacts, and of F_net."""
     pressing = (forces > 0).sum(axis=1)
     cells = [
         np.nanmedian(found[pressing == count, :7]) if (pressing == count).any() else np.nan
@@ -37,12 +42,12 @@ def main() -> None:
     cases, rows = {}, []
     for name, shape in SHAPES.items():
         of = sensitivity(Exosuit(shape), LOADS)
-        for words, prior in (("material known", MATERIAL_KNOWN), ("material to 10 %", MATERIAL_VARIES)):
+        for words, prior in (("material known", MATERIAL_KNOWN), ("material known to 10 %", MATERIAL_VARIES)):
             found = resolved(of, prior)
             cases[f"{name}; {words}"] = found
             rows.append(row(f"{name}; {words}", found, of.forces))
     save(identifiability_map(LOADS, cases), IMAGE, dpi=110)
-    heads = ("exosuit", "one contact presses [mN]", "two press [mN]", "F_net [mN]")
+    heads = ("exosuit", "one loaded contact [mN]", "two loaded contacts [mN]", "F_net [mN]")
     fill(PAGE, {"resolved": table_of(heads, rows)})
 
 

@@ -14,15 +14,16 @@ from playwright.sync_api import sync_playwright
 from exosight.lab.security import LOOPBACK
 from exosight.lab.server import application, listen, server_of
 from exosight.lab.settings import View
+from exosight.lab.system import open_system
 
-VIEW = View(drive=(4.0, 2.6))
+VIEW = View(drive=((4.0,), (2.6,)))
 TARGET = Path(__file__).parent / "images" / "lab.png"
 
 
 def main() -> None:
     """Serve the page, open it, and keep what is seen."""
     with listen("127.0.0.1", 0) as listener:
-        server = server_of(application(VIEW, LOOPBACK, None))
+        server = server_of(application(open_system(), VIEW, LOOPBACK, None))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         while not server.started:

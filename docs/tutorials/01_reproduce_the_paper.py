@@ -95,12 +95,14 @@ for name in ("noise-low", "noise-medium", "noise-high"):
 
 from exosight.control import Proportional, from_image, hold, judge_response, run
 from exosight.control.simulated import SimulatedPlant
+from exosight.exosuit.published import published
 
-plant = SimulatedPlant(exosuit)
-record = run(plant, Proportional(5.0), from_image(network), hold(0.25, 25))
-response = judge_response(record.time, record.target, record.F_net_true, record.u)
+plant = SimulatedPlant(published(exosuit))
+law = Proportional(5.0, plant.schema.channels[0])
+record = run(plant, law, from_image(network, plant.schema), hold(0.25, 25))
+response = judge_response(record.time, record.target, record.true, record.command, record.driven)
 print(f"settled within 5 % after {response.settling_steps:.0f} steps")
-print(f"F_net at the end: true {record.F_net_true[-1]:.3f} N, estimated {record.F_net_estimated[-1]:.3f} N")
+print(f"F_net at the end: true {record.true[-1]:.3f} N, estimated {record.estimated[-1]:.3f} N")
 
 # %%
 # The complete study

@@ -18,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from exosight.app.pipeline import fit, load
+from exosight.app.data import load
+from exosight.app.pipeline import fit
 from exosight.dataset import make_split
 from exosight.dataset.generation import GenerateConfig, generate
 from exosight.learning import TrainConfig
@@ -93,10 +94,13 @@ print(f"ridge regression: mean r {score(truth, ridge.estimate(images)).r.mean:.2
 from exosight.control import CONTROL_SHAPE, Proportional, from_image, hold, run
 from exosight.control.simulated import SimulatedPlant
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 
-record = run(SimulatedPlant(Exosuit(CONTROL_SHAPE)), Proportional(5.0), from_image(ridge), hold(0.25, 8))
-true, estimated = record.F_net_true[-1], record.F_net_estimated[-1]
-print(f"after {len(record.u) - 1} steps: true {true:.2f} N, estimated {estimated:.2f} N")
+plant = SimulatedPlant(published(Exosuit(CONTROL_SHAPE)))
+law = Proportional(5.0, plant.schema.channels[0])
+record = run(plant, law, from_image(ridge, plant.schema), hold(0.25, 8))
+true, told = record.true[-1], record.estimated[-1]
+print(f"after {len(record.command) - 1} steps: true {true:.2f} N, told {told:.2f} N")
 
 # %%
 # To train your own PyTorch network with the same recipes and export it with the same intervals, add an

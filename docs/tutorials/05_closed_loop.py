@@ -27,16 +27,17 @@ from exosight.control import (
     measurement_from,
     run,
     run_guarded,
-    true_force,
+    true_reading,
 )
 from exosight.control.estimator import DEFAULT_MODEL
 from exosight.control.simulated import SimulatedPlant
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 
-exosuit = Exosuit(CONTROL_SHAPE)
-plant = SimulatedPlant(exosuit)
-plain = run(plant, Proportional(5.0), true_force, hold(0.30, 20))
-print(f"largest force for a target of 0.30 N: {plain.F_net_true.max():.3f} N")
+system = published(Exosuit(CONTROL_SHAPE))
+plant = SimulatedPlant(system)
+plain = run(plant, Proportional(5.0, plant.schema.channels[0]), true_reading(), hold(0.30, 20))
+print(f"largest force on the way to 0.30 N: {plain.true.max():.3f} N")
 
 # %%
 # Tuning by simulation
@@ -47,7 +48,7 @@ print(f"largest force for a target of 0.30 N: {plain.F_net_true.max():.3f} N")
 
 from exosight.control.tuning import tune
 
-config = tune(exosuit, contact_limit=0.5, rate=10.0)
+config = tune(system, contact_limit=0.5, rate=10.0)
 for before, after in config.loading.jumps:
     print(f"with u rising F_net jumps from {before:.3f} N to {after:.3f} N")
 print(f"u stays within {config.unloading.u[-1]:.1f}…{config.loading.u[-1]:.2f} N")
@@ -62,7 +63,7 @@ print(f"u stays within {config.unloading.u[-1]:.1f}…{config.loading.u[-1]:.2f}
 network = OnnxEstimator.load(DEFAULT_MODEL)
 guarded = Guarded(Scheduled(config))
 record = run_guarded(plant, guarded, measurement_from(network), hold_and_release(0.25, 15))
-print(f"F_net held: true {record.F_net_true[14]:.3f} N, after the release {record.F_net_true[-1]:.3f} N")
+print(f"F_net held: true {record.true[14]:.3f} N, after the release {record.true[-1]:.3f} N")
 print(f"changes of state: {len(guarded.log)}")
 
 # %%
@@ -75,13 +76,13 @@ sense, steps = measurement_from(network), iter(range(1000))
 
 
 def failing(observation):
-    return sense(observation) if next(steps) < 10 else Measurement(u=observation.u)
+    return sense(observation) if next(steps) < 10 else Measurement(commands=observation.commands)
 
 
 failed = run_guarded(plant, guarded, failing, hold(0.25, 25))
 for change in guarded.log:
     print(f"step {change.step}: {change.before.value} → {change.after.value}, {change.cause}")
-print(f"F_net at the end: {failed.F_net_true[-1]:.3f} N")
+print(f"F_net at the end: {failed.true[-1]:.3f} N")
 
 # %%
 figure = Figure(figsize=(7.0, 3.6), layout="constrained")
@@ -92,11 +93,9 @@ for ax, shown, title in zip(
     strict=True,
 ):
     ax.plot(shown.time, shown.target, "--", color="#999999", label="target")
-    ax.plot(shown.time, shown.F_net_true, "o-", color="#0072B2", markersize=3, label="true F_net")
-    seen = np.isfinite(shown.F_net_estimated)
-    ax.plot(
-        shown.time[seen], shown.F_net_estimated[seen], "x", color="#D55E00", markersize=4, label="estimated"
-    )
+    ax.plot(shown.time, shown.true, "o-", color="#0072B2", markersize=3, label="true F_net")
+    seen = np.isfinite(shown.estimated)
+    ax.plot(shown.time[seen], shown.estimated[seen], "x", color="#D55E00", markersize=4, label="estimated")
     ax.set(xlabel="time [s]", ylabel="force [N]", title=title)
     ax.spines[["top", "right"]].set_visible(False)
 ax.legend(frameon=False)

@@ -7,7 +7,7 @@ from pydantic import ConfigDict, StringConstraints, ValidationError
 CONFIG = ConfigDict(extra="forbid")
 """Of every pydantic dataclass: an entry that is not known is refused."""
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$")]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z_0-9]{0,31}$")]
 """Of a system, or of a part of it: letters, digits and underscores, a letter first, at most 32."""
 
 

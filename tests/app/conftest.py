@@ -8,47 +8,60 @@ import pytest
 
 from exosight.app.main import main
 from exosight.dataset import Frames, new_manifest, write_chunk, write_manifest
-from exosight.exosuit.scenarios import SampledShape, sample_shapes
-from exosight.exosuit.shapes import FAMILIES
+from exosight.exosuit.published import PublishedDesigns
 from exosight.system.camera import Camera
+from exosight.system.design import Design
 
 CAMERA = Camera(metres_per_pixel=0.0044, width=32, height=32)
-PER_SHAPE = 4
+PER_DESIGN = 4
+
+
+def designs_of(seed: int) -> tuple[Design, ...]:
+    """One design a scenario of the published system."""
+    return PublishedDesigns().draw(1, seed)
 
 
 def write_dataset(
     folder: Path,
     camera: Camera = CAMERA,
-    shapes: list[SampledShape] | None = None,
+    designs: tuple[Design, ...] | None = None,
     seed: int = 0,
     varies: tuple[str, ...] = (),
 ) -> Path:
-    """Frames with valid labels and random content, of one shape a scenario if not told otherwise.
+    """Frames with valid labels and random content, of one design a scenario if not told otherwise.
 
     varies  names of what varies from frame to frame, evenly within 0…1
     """
-    shapes = sample_shapes(1, seed=0) if shapes is None else shapes
+    designs = designs_of(0) if designs is None else designs
+    published = PublishedDesigns(camera=camera)
+    schema = published.schema
     rng = np.random.default_rng(seed)
-    count = len(shapes) * PER_SHAPE
-    families = [list(FAMILIES).index(shape.shape.surface.family) for shape in shapes]
+    count = len(designs) * PER_DESIGN
+    sensors = rng.random((count, len(schema.sensors)), dtype=np.float32)
+    sensors[:, schema.index("F_net")] = sensors[:, schema.output_indices()].sum(axis=1)
     frames = Frames(
+        schema=schema,
         images=rng.integers(0, 256, (count, camera.height, camera.width), dtype=np.uint8),
-        forces=rng.random((count, 7), dtype=np.float32),
-        u=4 * rng.random(count, dtype=np.float32),
+        sensors=sensors,
+        commands=4 * rng.random((count, 1), dtype=np.float32),
         pose=rng.normal(size=(count, 25)),
-        shape_id=np.repeat([shape.shape_id for shape in shapes], PER_SHAPE).astype(np.int32),
-        family=np.repeat(families, PER_SHAPE).astype(np.int8),
-        scenario=np.repeat([shape.scenario for shape in shapes], PER_SHAPE).astype(np.int8),
-        loading=np.ones(count, dtype=np.int8),
+        design=np.repeat([design.number for design in designs], PER_DESIGN).astype(np.int32),
+        family=np.repeat([design.family for design in designs], PER_DESIGN).astype(np.int8),
+        scenario=np.repeat([design.scenario for design in designs], PER_DESIGN).astype(np.int8),
+        step=np.tile(np.arange(PER_DESIGN), len(designs)).astype(np.int32),
     )
     folder.mkdir()
     manifest = new_manifest(
         config={},
         seed=seed,
+        system=schema.system,
+        schema=schema,
+        description=None,
         camera=camera,
-        load_limit=4.0,
         dofs=25,
-        shapes=shapes,
+        families=published.families,
+        scenarios=published.scenarios,
+        designs=designs,
         chunks=[write_chunk(folder, 0, frames, {name: rng.random(count) for name in varies})],
         dropped={},
     )

@@ -3,6 +3,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from schemas import published_schema
 
 from exosight.app import chapters
 from exosight.app.report import Listing, Picture, Points, Report, Section, render_report, write_tables
@@ -18,7 +19,9 @@ from exosight.app.results import (
 from exosight.evaluation.published import ROBUSTNESS_PUBLISHED
 from exosight.evaluation.tables import Table
 from exosight.learning.history import EpochRecord
+from exosight.system.schema import Schema
 
+SCHEMA = published_schema()
 BY_SHAPE, BY_FRAME = "light network, by shape", "light network, by frame"
 
 
@@ -26,9 +29,12 @@ BY_SHAPE, BY_FRAME = "light network, by shape", "light network, by frame"
 class Trace:
     time: np.ndarray
     target: np.ndarray
-    F_net_true: np.ndarray
-    F_net_estimated: np.ndarray
-    u: np.ndarray
+    true: np.ndarray
+    estimated: np.ndarray
+    command: np.ndarray
+    schema: Schema = SCHEMA
+    sensor: str = "F_net"
+    channel: str = "u"
 
 
 def loop(gain: float, target: np.ndarray, settling_steps: int | None) -> LoopRun:
@@ -73,7 +79,7 @@ def judgements() -> list[Judgement]:
     rng = np.random.default_rng(0)
     true = rng.gamma(1.0, 0.2, (40, 7))
     return [
-        Judgement(name, true, (true + rng.normal(0, noise, true.shape)).astype(np.float32))
+        Judgement(name, SCHEMA, true, (true + rng.normal(0, noise, true.shape)).astype(np.float32))
         for name, noise in ((BY_SHAPE, 0.05), (BY_FRAME, 0.01))
     ]
 
@@ -93,11 +99,11 @@ def path() -> PathSummary:
 
 def sections() -> tuple[Section, ...]:
     return (
-        chapters.introduction(Figure()),
+        chapters.introduction(Figure(), SCHEMA),
         chapters.headline(RUNS, judgements(), robustness(), LOOPS),
         chapters.motion(path()),
         chapters.data_section(DATA),
-        chapters.learning(RUNS),
+        chapters.learning(RUNS, SCHEMA.outputs),
         chapters.accuracy(judgements()),
         chapters.robustness_section(robustness()),
         *(chapters.closed_loop(loop) for loop in LOOPS),
@@ -158,7 +164,7 @@ def test_frames_add_up():
 
 
 def test_training_tells_the_kept_epoch_and_the_time():
-    row = tables(chapters.learning(RUNS))["training"].records()[0]
+    row = tables(chapters.learning(RUNS, SCHEMA.outputs))["training"].records()[0]
     assert (row["epochs"], row["best epoch"]) == (4, 3)
     assert row["validation error [N]"] == 0.02
     assert row["time [min]"] == 4.0
@@ -178,7 +184,7 @@ def test_steady_states_stand_beside_the_papers_settling_steps():
 
 def test_step_responses_are_read_before_the_switch_and_at_the_end():
     row = tables(chapters.closed_loop(LOOPS[0]))["step_responses_light_shape"].records()[1]
-    force = STEPS[1].trace.F_net_true
+    force = STEPS[1].trace.true
     assert row["true F_net before the switch [N]"] == force[9]
     assert row["true F_net largest [N]"] == force.max()
     assert row["true F_net at the end [N]"] == 0

@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,28 +14,33 @@ import pytest
 
 from exosight.app import live
 from exosight.app.main import main
-from exosight.control import ControllerConfig, ForcePath, sources, tuning
+from exosight.control import CONTROL_SHAPE, ControllerConfig, sources, tuning
 from exosight.control.realtime import Step
 from exosight.control.recording import read_recording
 from exosight.control.sources import Frame
+from exosight.exosuit.published import published
+from exosight.system.system import System
 from exosight.vision.ood_images import draw_ood_images
 
+THUMB = Path(__file__).parents[2] / "examples" / "systems" / "thumb.toml"
 
-def straight(exosuit: object, contact_limit: float, rate: float, period: float) -> ControllerConfig:
-    """In the place of `tune`, which solves for seconds: a plant whose C3 presses with 0.1 u."""
 
-    def path(u: np.ndarray) -> ForcePath:
-        forces = np.zeros((len(u), 7))
-        forces[:, 2] = 0.1 * np.maximum(u, 0.0)
-        return ForcePath(u, forces, np.zeros(len(u), bool))
-
-    up, down = path(np.linspace(0.0, 3.0, 31)), path(np.linspace(3.0, -1.0, 41))
-    return ControllerConfig(up, down, np.full(7, contact_limit), rate, period, 5.0, 20.0)
+@pytest.fixture(scope="module")
+def known() -> ControllerConfig:
+    """What `tune` finds for the published system; it solves for seconds."""
+    return tuning.tune(published(CONTROL_SHAPE))
 
 
 @pytest.fixture(autouse=True)
-def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live, "tune", straight)
+def tuned_once(monkeypatch: pytest.MonkeyPatch, known: ControllerConfig) -> None:
+    tune = tuning.tune
+
+    def remembered(system: System, *names: str | None, **options: float | None) -> ControllerConfig:
+        if system.name != "published":
+            return tune(system, *names, **options)
+        return replace(known, **{key: options[key] for key in ("rate", "period") if options.get(key)})
+
+    monkeypatch.setattr(tuning, "tune", remembered)
 
 
 @pytest.fixture(scope="module")
@@ -64,15 +70,15 @@ def test_a_simulated_exosuit_is_pressed_recorded_and_replayed(
     assert "u is back at 0 N after 15 steps" in shown.err
     told = read_recording(tmp_path / "run.h5")
     assert len(told) == 15
-    assert told.forces_true[-1].sum() > 0.1  # of a target of 0.25 N
+    assert told.true[-1].sum() > 0.1  # of a target of 0.25 N
     assert [row["stage"] for row in json.loads((tmp_path / "run.json").read_text())["timing"]] == [
         *("see", "estimate", "decide", "act", "whole step")
     ]
     main(["replay", str(tmp_path / "run.h5"), "--json", "-"])
     shown = capsys.readouterr()
-    assert "the same forces, states and actuations" in " ".join(shown.err.split())
+    assert "the same estimates, states and commands" in " ".join(shown.err.split())
     steps = json.loads(shown.out)["steps"]
-    np.testing.assert_array_equal([step["u_replayed_N"] for step in steps], told.u)
+    np.testing.assert_array_equal([step["command_replayed"] for step in steps], told.command)
     main(["replay", str(tmp_path / "run.h5")])
     assert "estimate" in capsys.readouterr().out
 
@@ -119,7 +125,7 @@ def test_a_stop_lets_go_first(
     assert "u is back at 0 N after 8 steps" in capsys.readouterr().err
     told = read_recording(tmp_path / "run.h5")
     assert len(told) >= 7  # the eighth may have been on its way to the file
-    assert told.u[-1] > 1
+    assert told.command[-1] > 1
 
 
 @pytest.mark.parametrize(
@@ -131,6 +137,11 @@ def test_a_stop_lets_go_first(
         (["--target", "-1"], "target"),
         (["--rate", "0"], "rate"),
         (["--r0", "0.02"], "r0"),
+        (["--system", str(THUMB), "--r0", "0.01"], "--r0: of the published system alone"),
+        (["--system", str(THUMB)], "expected the sensors"),
+        (["--system", "no_such_system"], "expected published or a file"),
+        (["--sensor", "C0"], "not estimated from images"),
+        (["--channel", "v"], "has no 'v'"),
         (["--source", ".", "--send", "-", "--json", "-"], "stdout"),
     ],
 )
@@ -157,10 +168,9 @@ def test_a_recording_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_the_code_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With three pictures for a camera, and a controller that need not be tuned."""
+    """With three pictures for a camera."""
     shown = [Frame(image, time.monotonic()) for image in draw_ood_images("text", 3, 0)]
     monkeypatch.setattr(sources, "camera", lambda number, width, height: iter(shown))
-    monkeypatch.setattr(tuning, "tune", lambda exosuit: straight(exosuit, 0.5, 10.0, 0.1))
     monkeypatch.chdir(tmp_path)
     page = (Path(__file__).parents[2] / "docs" / "realtime.md").read_text()
     (code,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)

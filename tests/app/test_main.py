@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 import exosight
+from exosight.app.data import load
 from exosight.app.main import COMMANDS, main
 from exosight.app.options import read_options
-from exosight.app.pipeline import load
-from exosight.app.pipeline import test_part as part_to_judge
+from exosight.app.provenance import test_part as part_to_judge
 from exosight.control.estimator import OnnxEstimator
-from exosight.exosuit.scenarios import sample_shapes
+from exosight.exosuit.published import PublishedDesigns
 from exosight.learning.model_file import sealed
 from exosight.system.camera import Camera
 from exosight.vision import OOD_KINDS
@@ -158,7 +158,7 @@ def test_negative_numbers_are_numbers() -> None:
         ("generate --out o --camera.width 0", "--camera.width: input should be greater than or equal to 1"),
         ("train", "expected --data PATH and --out PATH, got none; see exosight train --help"),
         ("train --data d --out o --network big", "--network: expected one of 'light', 'paper', got 'big'"),
-        ("train --data d --out o --protocol random", "--protocol: expected one of 'shape'"),
+        ("train --data d --out o --protocol random", "--protocol: expected one of 'design'"),
         ("train --data d --out o --epochs 0", "--epochs: input should be greater than or equal to 1, got 0"),
         ("train --data d --out o --split-seed -1", "--split-seed: input should be greater than"),
         ("evaluate --model m --data d --seed -1", "--seed: input should be greater than or equal to 0"),
@@ -311,17 +311,17 @@ def test_image_of_the_wrong_size_is_refused(
 ) -> None:
     smaller = make_dataset(tmp_path / "small", Camera(width=24, height=32))
     sentence = refused("evaluate", "--model", run_folder / "model.onnx", "--data", smaller)
-    assert "this estimator needs uint8 (frames, 32, 32), got uint8 (44, 32, 24)" in sentence
+    assert "another system than the network: camera camera: expected width 32, got 24" in sentence
     shipped = refused("evaluate", "--data", smaller)
-    assert "this estimator needs uint8 (frames, 128, 128), got uint8 (44, 32, 24)" in shipped
+    assert "camera camera: expected width 128, got 24" in shipped
 
 
 def test_too_few_shapes_for_a_split_are_refused(
     refused: Refused, make_dataset: Callable[..., Path], tmp_path: Path
 ) -> None:
-    few = make_dataset(tmp_path / "few", shapes=sample_shapes(1, seed=0)[:3])
+    few = make_dataset(tmp_path / "few", designs=PublishedDesigns().draw(1, 0)[:3])
     sentence = refused("train", "--data", few, "--out", tmp_path / "out")
-    assert "expected at least 5 shapes to divide, got 3" in sentence
+    assert "expected at least 5 designs to divide, got 3" in sentence
     assert not (tmp_path / "out").exists()
 
 
@@ -330,14 +330,14 @@ def test_too_few_shapes_for_a_split_are_refused(
     [
         ("--protocol family", "split by family: name what is held out (linear, sine"),
         ("--protocol family --held-out square", "expected one of linear, sine, cosine_sum"),
-        ("--held-out sine", "split by shape: holds nothing out, got 'sine'"),
+        ("--held-out sine", "split by design: holds nothing out, got 'sine'"),
         (
             "--protocol variation --held-out plant.young",
             "varies in the dataset (nothing does), got",
         ),
         (
-            "--protocol variation --held-out plant.young --online-shapes 1",
-            "--online-shapes: expected 0 or more shapes, and not",
+            "--protocol variation --held-out plant.young --online-designs 1",
+            "--online-designs: expected 0 or more, and not",
         ),
     ],
 )
@@ -371,9 +371,9 @@ def test_what_cannot_be_started_from_is_refused(
     words = ("train", "--data", data, "--out", tmp_path / "out", "--threads", "1", "--pretrained")
     # The shipped network learned from seeds 0 to 3.
     for seed, said in (
-        (7, "its image size is (128, 128), asked for is (32, 32)"),
-        (0, "learned from exosuits of the same seed, 0"),
-        (3, "learned from exosuits of the same seed, 3"),
+        (7, "for another system: camera camera: expected width 128, got 32"),
+        (0, "learned from designs of the same seed, 0"),
+        (3, "learned from designs of the same seed, 3"),
     ):
         mine = make_dataset(tmp_path / f"seed_{seed}", seed=seed)
         sentence = refused("train", "--data", mine, "--out", tmp_path / "out", "--pretrained", "shipped")
@@ -383,7 +383,7 @@ def test_what_cannot_be_started_from_is_refused(
     (tmp_path / "cut.onnx").write_bytes(own.read_bytes()[:-1000])
     assert "truncated or changed" in refused(*words, tmp_path / "cut.onnx")
     sentence = refused(*words, own, "--split-seed", "1")
-    assert "learned from this dataset divided otherwise (by shape, split seed 0)" in sentence
+    assert "learned from this dataset divided otherwise (by design, split seed 0)" in sentence
     sentence = refused(*words, own, "--protocol", "family", "--held-out", "sine")
     assert "learned from this dataset divided otherwise" in sentence
     assert not (tmp_path / "out").exists()
@@ -394,21 +394,21 @@ def test_a_network_goes_on_from_another_and_says_so(
 ) -> None:
     own = run_folder / "model.onnx"
     words = ["--epochs", "1", "--threads", "1", "--pretrained", str(own)]
-    other = make_dataset(tmp_path / "other", shapes=sample_shapes(1, seed=5), seed=2)
+    other = make_dataset(tmp_path / "other", designs=PublishedDesigns().draw(1, 5), seed=2)
     wider = ["--extra-data", str(data)]
     main(["train", "--data", str(other), "--out", str(tmp_path / "wider"), *words, *wider])
     found = OnnxEstimator.load(tmp_path / "wider" / "model.onnx")
     assert found.card.training["pretrained"] == sealed(own.read_bytes())
-    third = make_dataset(tmp_path / "third", shapes=sample_shapes(1, seed=6), seed=3)
-    # A smaller draw of a seed has some of the same exosuits.
-    fewer = make_dataset(tmp_path / "fewer", shapes=sample_shapes(1, seed=0)[:6])
+    third = make_dataset(tmp_path / "third", designs=PublishedDesigns().draw(1, 6), seed=3)
+    # A smaller draw of a seed has some of the same designs.
+    fewer = make_dataset(tmp_path / "fewer", designs=PublishedDesigns().draw(1, 0)[:6])
     for judged, words in (
         (data, "all frames of a dataset that the network has learned from"),
         (third, "all frames of another dataset"),
         (
             fewer,
-            "all frames of another dataset, of whose exosuits the network may know some, as it learned from "
-            "seed 0",
+            "all frames of another dataset, of whose designs the network may have learned from some, as it "
+            "did from seed 0",
         ),
     ):
         assert part_to_judge(found.card, load(judged))[1] == words
@@ -423,7 +423,7 @@ def test_a_network_goes_on_from_another_and_says_so(
     assert "learned from the family sine" in sentence
     for start in (own, tmp_path / "wider" / "model.onnx"):
         sentence = refused("train", "--data", fewer, "--out", tmp_path / "new", "--pretrained", start)
-        assert "learned from exosuits of the same seed, 0" in sentence
+        assert "learned from designs of the same seed, 0" in sentence
 
 
 def test_files_that_are_no_network_are_refused(
@@ -488,7 +488,7 @@ def test_evaluation_keeps_stdout_for_json_and_its_folder_for_everything(
     main([*words, "--out", str(out), "--seed", "3", "--json", "-"])
     shown = capsys.readouterr()
     answer = json.loads(shown.out)
-    assert answer["frames"] == "8 frames: test part by shape"
+    assert answer["frames"] == "8 frames: test part by design"
     assert len(answer["robustness"]) == len(answer["shifts"]) == 6
     assert len(answer["intervals"]) == 7 * 5
     # No clean picture of the plant is among the made-up ones: the held-out cases are not for them.

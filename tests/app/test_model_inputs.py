@@ -12,13 +12,15 @@ import pytest
 from cards import made_up
 
 from exosight.app import pipeline
+from exosight.app.data import Data, load
 from exosight.app.evaluation import evaluate
-from exosight.app.pipeline import Data, fit, load
+from exosight.app.pipeline import Sources, fit
+from exosight.app.provenance import identity
 from exosight.control import OnnxEstimator
 from exosight.control.estimator import Reading
 from exosight.dataset import make_split, previous
 from exosight.errors import InputError
-from exosight.learning import TrainConfig
+from exosight.learning import TrainConfig, TrainingData
 from exosight.learning.model_file import ModelCard
 from exosight.learning.model_inputs import HISTORY_SPACING, ModelInputs
 from exosight.vision.corruptions import corrupt
@@ -28,26 +30,24 @@ CONFIG = TrainConfig(epochs=1, batch=8, threads=1, history=2, actuation=True)
 
 @pytest.fixture(scope="session")
 def paths(data: Path) -> Data:
-    """The made-up dataset, each shape driven up 0, 0.5, 1 N and down to 0.5 N."""
+    """The made-up dataset, each design driven up 0, 0.5, 1 N and down to 0.5 N."""
     made_up = load(data)
-    shapes = len(made_up.frames) // 4
-    u, loading = np.tile([0, 0.5, 1, 0.5], shapes), np.tile([1, 1, 1, -1], shapes)
-    frames = replace(made_up.frames, u=u.astype(np.float32), loading=loading.astype(np.int8))
-    return Data(made_up.manifest, frames)
+    u = np.tile([0, 0.5, 1, 0.5], len(made_up.frames) // 4).astype(np.float32)
+    return Data(made_up.manifest, replace(made_up.frames, commands=u[:, None]))
 
 
 def card(paths: Data) -> ModelCard:
     """Of a network that has learned from that dataset."""
-    split = make_split(paths.frames, "shape", 0)
+    split = make_split(paths.frames, "design", 0)
     size = paths.manifest.camera
-    return made_up(size.height, size.width, data=pipeline.identity(paths, split), history=2, actuation=True)
+    return made_up(size.height, size.width, data=identity(paths, split), history=2, actuation=True)
 
 
 class Session:
     """Answers nothing but small forces that differ."""
 
     def run(self, _: list[str], given: dict[str, np.ndarray]) -> list[np.ndarray]:
-        forces = np.tile(given["u"][:, None] / 10 + given["image"].mean((1, 2, 3))[:, None], 7)
+        forces = np.tile(given["commands"] / 10 + given["image"].mean((1, 2, 3))[:, None], 7)
         return [forces, np.ones_like(forces), np.ones_like(forces) / 2, np.zeros(len(forces), np.float32)]
 
 
@@ -64,7 +64,7 @@ def test_evaluation_shows_each_frame_with_its_own_past(paths: Data, monkeypatch:
 
     monkeypatch.setattr(OnnxEstimator, "read_levels", watched)
     found = evaluate(OnnxEstimator(Session(), card(paths)), paths, seed=4)
-    test = make_split(paths.frames, "shape", 0).test
+    test = make_split(paths.frames, "design", 0).test
     assert len(found.true) == len(test)
     before = previous(paths.frames)
     clean = paths.frames.images
@@ -76,8 +76,8 @@ def test_evaluation_shows_each_frame_with_its_own_past(paths: Data, monkeypatch:
         assert pair[1].history is not None
         assert np.array_equal(pair[1].history[:, 0], pictures[before[test]])
         assert np.array_equal(pair[1].history[:, 1], pictures[before[before[test]]])
-        assert pair[1].u is not None
-        assert np.array_equal(pair[1].u, paths.frames.u[test])
+        assert pair[1].commands is not None
+        assert np.array_equal(pair[1].commands, paths.frames.commands[test])
 
 
 def test_training_gets_the_paths_of_all_datasets_and_of_fresh_shapes(
@@ -89,8 +89,9 @@ def test_training_gets_the_paths_of_all_datasets_and_of_fresh_shapes(
     def stream(*_: object, **__: object) -> Iterator:
         yield iter([paths.frames] * 2)
 
-    def kept(*arguments: object, **options: Any) -> SimpleNamespace:
-        given.update(options, about=arguments[6], block=next(options["online_blocks"](0)))
+    def kept(config: TrainConfig, data: TrainingData, *_: object, **__: object) -> SimpleNamespace:
+        assert data.online_blocks is not None
+        given.update(data=data, block=next(data.online_blocks(0)))
         return SimpleNamespace(history=())
 
     def exported(*arguments: Any) -> None:
@@ -100,20 +101,20 @@ def test_training_gets_the_paths_of_all_datasets_and_of_fresh_shapes(
     monkeypatch.setattr(pipeline, "load", lambda _: paths)
     monkeypatch.setattr("exosight.learning.train", kept)
     monkeypatch.setattr("exosight.learning.export_onnx", exported)
-    split = make_split(paths.frames, "shape", 0)
-    fit(paths, split, CONFIG, tmp_path / "run", extra_data=[data], online_shapes=1, resume=False)
-    assert given["about"][HISTORY_SPACING] == 0.5
-    places = np.arange(len(given["previous"]))
+    split = make_split(paths.frames, "design", 0)
+    fit(paths, split, CONFIG, tmp_path / "run", sources=Sources([data], 1), resume=False)
+    assert given["data"].identity[HISTORY_SPACING] == 0.5
+    places = np.arange(len(given["data"].previous))
     assert len(places) > len(paths.frames)
-    assert np.array_equal(given["previous"], np.where(places % 4 == 0, places, places - 1))
-    assert len(given["u"]) == len(places)
+    assert np.array_equal(given["data"].previous, np.where(places % 4 == 0, places, places - 1))
+    assert len(given["data"].commands) == len(places)
     assert np.array_equal(given["block"].previous, previous(paths.frames))
-    assert np.array_equal(given["block"].u, paths.frames.u)
+    assert np.array_equal(given["block"].commands, paths.frames.commands)
     _, _, images, _, inputs = given["exported"]
     own, before = split.validation, previous(paths.frames)
     assert np.array_equal(images, paths.frames.images[own])
     assert np.array_equal(inputs.history[:, 1], paths.frames.images[before[before[own]]])
-    assert np.array_equal(inputs.u, paths.frames.u[own])
+    assert np.array_equal(inputs.commands, paths.frames.commands[own])
 
 
 def test_commands_that_show_one_image_refuse_it(
@@ -132,11 +133,11 @@ def test_commands_that_show_one_image_refuse_it(
 def test_the_paper_network_is_refused(data: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
     options = ("--network", "paper", "--actuation")
     sentence = refused("train", "--data", data, "--out", tmp_path / "run", *options)
-    assert sentence.startswith("the paper network sees one image and nothing else")
+    assert sentence.startswith("the paper network has one image as its input and nothing else")
 
 
 def test_frames_that_follow_no_path_have_no_past(paths: Data, tmp_path: Path) -> None:
-    still = replace(paths.frames, u=np.zeros_like(paths.frames.u))
-    split = make_split(still, "shape", 0)
-    with pytest.raises(InputError, match="expected frames along paths of u, got none after another"):
+    still = replace(paths.frames, commands=np.zeros_like(paths.frames.commands))
+    split = make_split(still, "design", 0)
+    with pytest.raises(InputError, match="expected frames along load paths, got none after another"):
         fit(Data(paths.manifest, still), split, CONFIG, tmp_path / "run", resume=False)

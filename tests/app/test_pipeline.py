@@ -1,6 +1,6 @@
 """Learning from several datasets: nothing that is kept for judging slips in with the others."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -8,20 +8,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cards import made_up
-from pydantic import TypeAdapter
+from schemas import mixed_schema, published_schema
 
 from exosight.app import pipeline
-from exosight.app.pipeline import Data, divided, fit, identity, load, widened
+from exosight.app.data import Data, divided, load
+from exosight.app.pipeline import Sources, fit, widened
+from exosight.app.provenance import identity
+from exosight.app.provenance import test_part as part_to_judge
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
-from exosight.dataset import dataset_identity, make_split, new_manifest
+from exosight.dataset import dataset_identity, make_split
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.manifest import ChunkEntry, sampled_shapes
 from exosight.errors import InputError
-from exosight.exosuit.assembly import MAX_FORCE
-from exosight.exosuit.scenarios import SampledShape, geometry, sample_shapes
-from exosight.exosuit.shapes import FAMILIES
+from exosight.exosuit.published import PublishedDesigns
 from exosight.learning import TrainConfig
 from exosight.system.camera import Camera
+from exosight.system.design import Design
+
+PUBLISHED = PublishedDesigns()
+key = PUBLISHED.key
+
+
+def drawn(seed: int) -> tuple[Design, ...]:
+    return PUBLISHED.draw(1, seed)
 
 
 @pytest.fixture
@@ -33,32 +41,31 @@ def hash_of(data: Data) -> str:
     return dataset_identity(data.manifest)["sha256"]
 
 
-def test_frames_of_judged_shapes_are_left_out_whatever_their_numbers(
+def test_frames_of_judged_designs_are_left_out_whatever_their_numbers(
     first: Data, make_dataset: Callable[..., Path], tmp_path: Path
 ) -> None:
     # The same eleven shapes, numbered backwards, and eleven others.
-    shapes = sample_shapes(1, seed=0)
-    turned = [replace(s, shape_id=1000 - s.shape_id) for s in shapes]
-    again = load(make_dataset(tmp_path / "again", shapes=turned, seed=1))
-    fresh = load(make_dataset(tmp_path / "fresh", shapes=sample_shapes(1, seed=5), seed=2))
-    split = make_split(first.frames, "shape", 0)
+    turned = tuple(replace(d, number=1000 - d.number) for d in drawn(0))
+    again = load(make_dataset(tmp_path / "again", designs=turned, seed=1))
+    fresh = load(make_dataset(tmp_path / "fresh", designs=drawn(5), seed=2))
+    split = make_split(first.frames, "design", 0)
     frames, wider = widened(first, split, [again, fresh])
 
     assert np.array_equal(wider.validation, split.validation)
     assert np.array_equal(wider.test, split.test)
     assert np.array_equal(wider.train[: len(split.train)], split.train)
-    by_number = {s.shape_id: geometry(s.shape) for s in sampled_shapes(first.manifest)}
-    judged = {by_number[n] for n in first.frames.shape_id[[*split.validation, *split.test]].tolist()}
-    seen = {geometry(s.shape): s.shape_id for s in turned}
-    added = frames.shape_id[len(first.frames) :]
-    assert not {seen[shape] for shape in judged} & set(added.tolist())
-    learned = {by_number[n] for n in first.frames.shape_id[split.train].tolist()}
-    assert {seen[shape] for shape in learned} <= set(added.tolist())
+    by_number = {d.number: key(d) for d in first.manifest.designs}
+    judged = {by_number[n] for n in first.frames.design[[*split.validation, *split.test]].tolist()}
+    seen = {key(d): d.number for d in turned}
+    added = frames.design[len(first.frames) :]
+    assert not {seen[each] for each in judged} & set(added.tolist())
+    learned = {by_number[n] for n in first.frames.design[split.train].tolist()}
+    assert {seen[each] for each in learned} <= set(added.tolist())
     assert len(wider.train) == len(split.train) + len(added)
     # Images and labels stay together.
     last = len(frames) - 1
     place = np.flatnonzero(np.all(fresh.frames.images == frames.images[last], axis=(1, 2)))
-    assert np.array_equal(fresh.frames.forces[place[0]], frames.forces[last])
+    assert np.array_equal(fresh.frames.labels[place[0]], frames.labels[last])
 
 
 @pytest.mark.parametrize("family", ["linear", "sine", "legendre"])
@@ -66,17 +73,17 @@ def test_a_held_out_family_is_left_out_of_all_datasets(
     first: Data, make_dataset: Callable[..., Path], tmp_path: Path, family: str
 ) -> None:
     """Also exosuits of the family that the first dataset does not have: the kind is to be unseen."""
-    other = load(make_dataset(tmp_path / "other", shapes=sample_shapes(1, seed=5), seed=2))
-    split = make_split(first.frames, "family", 0, family)
+    other = load(make_dataset(tmp_path / "other", designs=drawn(5), seed=2))
+    split = divided(first, "family", 0, family)
     frames, wider = widened(first, split, [other])
-    number = list(FAMILIES).index(family)
+    number = PUBLISHED.families.index(family)
     assert (other.frames.family == number).any()
     assert not (frames.family[wider.train] == number).any()
-    added = frames.shape_id[len(first.frames) :]
-    others = [s for s in sampled_shapes(other.manifest) if s.shape.surface.family != family]
-    judged = {s.shape_id: geometry(s.shape) for s in sampled_shapes(first.manifest)}
-    kept = {judged[n] for n in first.frames.shape_id[split.validation].tolist()}
-    assert set(added.tolist()) == {s.shape_id for s in others if geometry(s.shape) not in kept}
+    added = frames.design[len(first.frames) :]
+    judged = {d.number: key(d) for d in first.manifest.designs}
+    kept = {judged[n] for n in first.frames.design[split.validation].tolist()}
+    others = {d.number for d in other.manifest.designs if d.family != number and key(d) not in kept}
+    assert set(added.tolist()) == others
 
 
 def test_a_held_out_camera_is_left_out_of_all_datasets(
@@ -85,25 +92,24 @@ def test_a_held_out_camera_is_left_out_of_all_datasets(
     """Of another dataset, frames below the smallest value that is held out are learned from, none above."""
     roll = "appearance.roll"
     first = load(make_dataset(tmp_path / "first", varies=(roll,)))
-    other = load(make_dataset(tmp_path / "other", shapes=sample_shapes(1, seed=5), seed=2, varies=(roll,)))
+    other = load(make_dataset(tmp_path / "other", designs=drawn(5), seed=2, varies=(roll,)))
     split = divided(first, "variation", 0, roll)
     frames, wider = widened(first, split, [other])
     assert np.array_equal(wider.test, np.flatnonzero(first.variation[roll] >= split.edge))
-    known = {s.shape_id: geometry(s.shape) for s in sampled_shapes(other.manifest)}
-    own = {geometry(s.shape) for s in sampled_shapes(first.manifest)}
-    new = [n for n, shape in known.items() if shape not in own]
-    below = np.isin(other.frames.shape_id, new) & (other.variation[roll] < split.edge)
-    assert 0 < below.sum() < np.isin(other.frames.shape_id, new).sum()
+    own = {key(d) for d in first.manifest.designs}
+    new = [d.number for d in other.manifest.designs if key(d) not in own]
+    below = np.isin(other.frames.design, new) & (other.variation[roll] < split.edge)
+    assert 0 < below.sum() < np.isin(other.frames.design, new).sum()
     added = wider.train[len(split.train) :]
-    assert np.array_equal(frames.forces[added], other.frames.forces[below])
+    assert np.array_equal(frames.labels[added], other.frames.labels[below])
 
-    still = load(make_dataset(tmp_path / "still", shapes=sample_shapes(1, seed=5), seed=2))
+    still = load(make_dataset(tmp_path / "still", designs=drawn(5), seed=2))
     with pytest.raises(InputError, match=r"datasets in which appearance\.roll varies, got one"):
         widened(first, split, [still])
 
 
 def test_one_dataset_is_taken_as_it_is(first: Data) -> None:
-    split = make_split(first.frames, "shape", 0)
+    split = make_split(first.frames, "design", 0)
     frames, wider = widened(first, split, [])
     assert frames is first.frames
     assert np.array_equal(wider.train, split.train)
@@ -111,18 +117,17 @@ def test_one_dataset_is_taken_as_it_is(first: Data) -> None:
 
 def test_another_camera_is_refused(first: Data, make_dataset: Callable[..., Path], tmp_path: Path) -> None:
     other = load(make_dataset(tmp_path / "other", camera=Camera(width=32, height=32)))
-    with pytest.raises(InputError, match="expected datasets of one camera and plant"):
-        widened(first, make_split(first.frames, "shape", 0), [other])
+    with pytest.raises(InputError, match="expected datasets of one camera, got several"):
+        widened(first, make_split(first.frames, "design", 0), [other])
 
 
 def test_the_network_remembers_all_its_datasets(
     first: Data, make_dataset: Callable[..., Path], tmp_path: Path
 ) -> None:
     """Also those of the network that it goes on from, and of the one before that."""
-    split = make_split(first.frames, "shape", 0)
+    split = make_split(first.frames, "design", 0)
     second, third = (
-        load(make_dataset(tmp_path / str(seed), shapes=sample_shapes(1, seed=seed), seed=seed))
-        for seed in (2, 3)
+        load(make_dataset(tmp_path / str(seed), designs=drawn(seed), seed=seed)) for seed in (2, 3)
     )
     alone, both = identity(first, split), identity(first, split, [second.manifest])
     assert (alone["extra_data"], alone["extra_data_seeds"]) == ("", "")
@@ -135,42 +140,72 @@ def test_the_network_remembers_all_its_datasets(
     assert again["extra_data_seeds"] == "3, 2"
 
 
-def test_shipped_network_knows_its_dataset_wherever_it_is_made() -> None:
-    """That of `exosight generate --per-scenario 125`, of which 51,604 frames are kept."""
-    config = GenerateConfig(per_scenario=125)
-    chunk = ChunkEntry("chunk_0000.h5", "0" * 64, bytes=1, frames=51_604, shape_ids=(0,))
-    made = new_manifest(
-        config=TypeAdapter(GenerateConfig).dump_python(config, mode="json"),
-        seed=config.seed,
-        camera=config.camera,
-        load_limit=MAX_FORCE,
-        dofs=25,
-        shapes=sample_shapes(config.per_scenario, config.seed),
-        chunks=[chunk],
-        dropped={"not_converged": 0, "crosses_itself": 16_045, "tip_below_finger": 1_101},
+def test_shipped_network_is_judged_on_the_designs_that_it_has_not_learned_from(first: Data) -> None:
+    """That of `exosight generate --per-scenario 125`: its own split by design, whatever frames are kept."""
+    card = OnnxEstimator.load(DEFAULT_MODEL).card
+    designs = PUBLISHED.draw(125, seed=0)
+    frames = replace(
+        first.frames,
+        schema=PUBLISHED.schema,
+        **{
+            name: np.resize(
+                getattr(first.frames, name), (len(designs), *getattr(first.frames, name).shape[1:])
+            )
+            for name in ("images", "sensors", "commands", "pose", "family", "step")
+        },
+        design=np.array([d.number for d in designs], np.int32),
+        scenario=np.array([d.scenario for d in designs], np.int8),
     )
-    assert OnnxEstimator.load(DEFAULT_MODEL).card.data["sha256"] == dataset_identity(made)["sha256"]
+    made = Data(replace(first.manifest, schema=PUBLISHED.schema, designs=designs), frames)
+    index, words = part_to_judge(card, made)
+    assert words == "test part by design"
+    assert np.array_equal(index, make_split(frames, "design", 0).test)
+    assert len(index) == 275
+    other = Data(replace(made.manifest, seed=9), frames)
+    assert part_to_judge(card, other)[1] == "all frames of another dataset"
 
 
-def test_every_epoch_may_bring_exosuits_never_seen(
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"schema": mixed_schema(32, 32)}, "expected the sensors zone_0, .*, got C0, C1"),
+        ({"schema": published_schema(32, 36)}, "camera camera: expected width 36, got 32"),
+    ],
+)
+def test_a_network_of_another_system_is_refused(first: Data, changes: dict, said: str) -> None:
+    with pytest.raises(InputError, match=f"the dataset is of another system than the network: {said}"):
+        part_to_judge(made_up(32, 32, **changes), first)
+
+
+def test_channels_count_where_they_are_inputs(first: Data) -> None:
+    faster = replace(published_schema(32, 32).channels[0], high=7.0)
+    schema = replace(published_schema(32, 32), channels=(faster,))
+    made_up(32, 32, schema=schema).check_fits(first.frames.schema, "dataset")
+    with pytest.raises(InputError, match="channel u: expected high 7, got 6"):
+        made_up(32, 32, schema=schema, actuation=True).check_fits(first.frames.schema, "dataset")
+
+
+def test_every_epoch_may_bring_designs_never_seen(
     first: Data, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """The stream is asked for frames of the dataset's kind, without its shapes, from the epoch on."""
+    """The stream is asked for frames of the dataset's kind, without its designs, from the epoch on."""
     asked: dict[str, object] = {}
 
     @contextmanager
-    def stream(config: GenerateConfig, *, exclude: Iterable[SampledShape], start: int) -> Iterator:
-        asked.update(config=config, exclude=[s.shape for s in exclude], start=start)
+    def stream(config: GenerateConfig, per_scenario: int, **options: object) -> Iterator:
+        asked.update(options, config=config, per_scenario=per_scenario)
         yield iter([first.frames] * 2)
 
     monkeypatch.setattr(pipeline, "stream", stream)
-    config = TrainConfig(epochs=2, batch=8, threads=1)
-    fit(first, make_split(first.frames, "shape", 0), config, tmp_path / "run", online_shapes=3, resume=False)
-    manifest = first.manifest
-    known = TypeAdapter(GenerateConfig).validate_python(manifest.config)
-    assert asked["config"] == replace(known, per_scenario=3)
-    assert asked["exclude"] == [s.shape for s in sampled_shapes(manifest)]
-    assert asked["start"] == 0
+    config, split = TrainConfig(epochs=2, batch=8, threads=1), make_split(first.frames, "design", 0)
+    fit(first, split, config, tmp_path / "run", sources=Sources(online_designs=3), resume=False)
+    assert asked == {
+        "config": GenerateConfig(),
+        "per_scenario": 3,
+        "description": None,
+        "exclude": first.manifest.designs,
+        "start": 0,
+    }
     assert (tmp_path / "run" / "model.onnx").exists()
-    with pytest.raises(InputError, match="its online_shapes is 3, asked for is 0"):
-        fit(first, make_split(first.frames, "shape", 0), config, tmp_path / "run", resume=True)
+    with pytest.raises(InputError, match="its online_designs is 3, asked for is 0"):
+        fit(first, split, config, tmp_path / "run", resume=True)

@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from schemas import published_schema
 
 from exosight.app.report import (
     Listing,
@@ -239,6 +240,9 @@ def test_a_cloud_of_points_does_not_blow_up_the_page():
     from exosight.evaluation.figures import predicted_against_true, rainclouds
 
     true = np.random.default_rng(0).gamma(1.0, 0.2, (20_000, 7))
-    blocks = [Picture(draw(true, true + 0.01), "c", "a") for draw in (predicted_against_true, rainclouds)]
+    blocks = [
+        Picture(draw(published_schema(), true, true + 0.01), "c", "a")
+        for draw in (predicted_against_true, rainclouds)
+    ]
     # As vectors, the points alone would take over 5 MB.
     assert len(render_report(report(*blocks))) < 1_000_000

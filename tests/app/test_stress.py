@@ -9,6 +9,7 @@ import pytest
 from exosight.app.main import main
 from exosight.app.stress import draw, stress_table
 
+THUMB = Path(__file__).parents[2] / "examples" / "systems" / "thumb.toml"
 SHORT = ["stress", "--episodes", "10", "--hold-seconds", "1.5", "--release-seconds", "1.1"]
 
 
@@ -32,6 +33,17 @@ def test_the_folder_holds_summary_episodes_and_figure(tmp_path: Path, capsys: py
     assert len(draw(found).axes) == 4
 
 
+def test_a_system_file_has_episodes_of_its_own(tmp_path: Path):
+    told = tmp_path / "told.json"
+    main([*SHORT, "--gains", "--system", str(THUMB), "--sensor", "P3", "--json", str(told)])
+    found = json.loads(told.read_text())
+    assert found["about"]["system"] == "thumb"
+    assert found["about"]["sensor"] == {"name": "P3", "unit": "N"}
+    low, high = found["about"]["config"]["targets"]
+    assert 0 < low < high < found["about"]["contact_limit"]
+    assert found["controllers"]["guarded"]["commands_outside"] == 0
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -39,6 +51,8 @@ def test_the_folder_holds_summary_episodes_and_figure(tmp_path: Path, capsys: py
         (["--latency", "0.3", "0.1"], "lower limit first"),
         (["--gains", "-5"], "greater than 0"),
         (["--model", "missing.onnx"], "missing.onnx"),
+        (["--system", "missing.toml"], "missing.toml"),
+        (["--sensor", "F"], "has no 'F'"),
     ],
 )
 def test_wrong_options_end_in_one_sentence(

@@ -27,7 +27,7 @@ TINY = StudyConfig(
         per_scenario=1, frames=5, seed=3, camera=Camera(metres_per_pixel=0.0044, width=32, height=32)
     ),
     runs=(
-        RunConfig("shape", TrainConfig(epochs=2, batch=8, threads=1)),
+        RunConfig("design", TrainConfig(epochs=2, batch=8, threads=1)),
         RunConfig("frame", TrainConfig(epochs=1, batch=8, threads=1)),
     ),
 )
@@ -65,7 +65,7 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
     again = ["study", "--out", str(folder), "--resume"]
     held = {}
     for stage, where, words in (
-        ("simulating", "exosight.dataset.generation.simulate_shapes", first),
+        ("simulating", "exosight.dataset.generation.simulate_designs", first),
         ("second network", "exosight.app.study._judgement", again),
         ("closed loop", "exosight.app.study.run_trials", again),
     ):
@@ -132,7 +132,7 @@ def test_shipped_network_steers_where_it_fits_the_camera(tmp_path: Path) -> None
     assert (own.shipped, other.shipped) == (False, True)
     assert {"control", "control_shipped"} == {path.name for path in tmp_path.iterdir()}
     # The same network and plant: the same loop.
-    np.testing.assert_array_equal(own.steady[0].trace.u, other.steady[0].trace.u)
+    np.testing.assert_array_equal(own.steady[0].trace.command, other.steady[0].trace.command)
 
 
 def test_finished_study_is_returned_as_it_is(
@@ -211,8 +211,9 @@ def test_configuration_survives_its_file(tmp_path: Path) -> None:
         (lambda c: c.pop("runs"), "runs: Field required"),
         (lambda c: c["runs"].clear(), "runs: Tuple should have at least 1 item"),
         (lambda c: c["runs"].append(c["runs"][0]), "another network or another protocol for each run"),
-        (lambda c: c["runs"][0]["training"].update(history=1), "networks that read one image"),
+        (lambda c: c["runs"][0]["training"].update(history=1), "networks with one image as input"),
         (lambda c: c["data"].update(per_scenario=0), r"data.per_scenario: Input should be greater than"),
+        (lambda c: c["data"].update(system="thumb.toml"), "expected the published system"),
         (lambda c: c["data"].update(shapes=3), r"data.shapes: Unexpected keyword argument"),
     ],
 )

@@ -57,15 +57,15 @@ def thumb() -> System:
 
 @pytest.fixture(scope="module")
 def driven() -> System:
-    """The thumb with a motor at its knuckle, which presses it against the sleeve."""
-    motor = {
+    """The thumb with an air muscle at its knuckle, which extends it against the sleeve on its back."""
+    muscle = {
         "type": "joint_torque",
         "body": "proximal",
-        "range": ["-60 mN m", "20 mN m"],
-        "rate": "150 mN m/s",
+        "range": ["-20 kPa", "60 kPa"],
+        "gain": "-0.001 N m/kPa",
+        "rate": "150 kPa/s",
     }
-    sign = {"torque": {**motor, "range": ["-20 mN m", "60 mN m"]}}
-    return built(actuators=sign)
+    return built(actuators={"muscle": muscle})
 
 
 @pytest.fixture(scope="module")
@@ -113,11 +113,11 @@ def test_limits_are_those_of_the_zones_and_give_way_to_the_option(
 
 def test_the_second_channel_is_driven_while_the_first_rests(driven: System) -> None:
     plant = SimulatedPlant(driven)
-    known = tune(driven, channel="torque")
+    known = tune(driven, channel="muscle")
     target = 0.5 * float(known.loading.controlled[-1])
     record = run_guarded(plant, Guarded(Scheduled(known)), true_measurement, hold(target, 25))
-    assert record.channel == "torque"
-    assert record.driven.unit == "N m"
+    assert record.channel == "muscle"
+    assert record.driven.unit == "kPa"
     assert abs(record.true[-1] - target) <= BAND * target
     seen = plant.look()
     assert seen.commands[0] == 0
@@ -129,7 +129,7 @@ def test_the_second_channel_is_driven_while_the_first_rests(driven: System) -> N
 def test_a_run_of_the_second_channel_is_recorded_and_replays_to_the_same_numbers(
     driven: System, tmp_path: Path
 ) -> None:
-    known = tune(driven, channel="torque")
+    known = tune(driven, channel="muscle")
     plant, guarded = SimulatedPlant(driven), Guarded(Scheduled(known))
     device = SimulatedDevice(
         plant, known, clock := Clock(iter(np.arange(1000) * 1e-3).__next__, lambda s: None)
@@ -151,7 +151,7 @@ def test_a_run_of_the_second_channel_is_recorded_and_replays_to_the_same_numbers
     run_live(device, read, guarded, device, [0.1] * 12, done, clock)
     recorder.close()
     told = read_recording(tmp_path / "run.h5")
-    assert (told.controller.sensor, told.controller.channel) == ("F_net", "torque")
+    assert (told.controller.sensor, told.controller.channel) == ("F_net", "muscle")
     assert told.controller.schema == driven.schema
     np.testing.assert_array_equal(told.command, [step.command for step in steps])
     np.testing.assert_array_equal(told.reported[:, 0], 0.0)

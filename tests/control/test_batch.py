@@ -104,7 +104,7 @@ def test_bad_arguments_are_refused(plants):
     with pytest.raises(InputError, match="at least one system"):
         BatchPlant([])
     with pytest.raises(InputError, match="a row a plant"):
-        plants.step(np.zeros(len(plants)))
+        plants.step(np.zeros((len(plants) - 1, 1)))
     plants.reset()
     own = plants.resting
     for wrong in (

@@ -1,6 +1,7 @@
 """The estimator on a model with a closed form: C_i = i · mean gray value, minus 1 N on C7, never negative."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from cards import made_up
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
+from schemas import published_schema
 
 from exosight.control.estimator import OnnxEstimator
 from exosight.errors import DataError, InputError
@@ -172,7 +174,7 @@ def test_an_onnx_file_of_someone_else_is_a_data_error(tmp_path: Path):
 
 
 def other_size(model: onnx.ModelProto) -> None:
-    helper.set_model_props(model, card_to_metadata(CARD) | {"image_height": "128"})
+    helper.set_model_props(model, card_to_metadata(replace(CARD, schema=published_schema(128, 8))))
 
 
 def no_card(model: onnx.ModelProto) -> None:
@@ -180,7 +182,7 @@ def no_card(model: onnx.ModelProto) -> None:
 
 
 def nonsense_in_the_card(model: onnx.ModelProto) -> None:
-    helper.set_model_props(model, card_to_metadata(CARD) | {"contacts": "C1"})
+    helper.set_model_props(model, card_to_metadata(CARD) | {"schema": "{}"})
 
 
 def operator_of_a_plug_in(model: onnx.ModelProto) -> None:

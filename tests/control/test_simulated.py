@@ -1,7 +1,9 @@
 """The simulated plant on the exosuit of the paper's controller study."""
 
 import math
+from dataclasses import replace
 
+import equinox as eqx
 import numpy as np
 import pytest
 
@@ -75,6 +77,18 @@ def test_u_beyond_the_limits_is_refused_and_changes_nothing(plant, u):
     with pytest.raises(InputError, match="within -6…6 N"):
         plant.apply(np.array([u]))
     np.testing.assert_allclose(plant.apply(np.array([0.4])).q, before.q, atol=1e-9)
+
+
+def test_where_no_stable_pose_is_found_the_last_one_stays():
+    """Far beyond what silicone bears, at 125 N, the way ends; from there the plant still goes back."""
+    strong = eqx.tree_at(lambda actuator: actuator.gain, SYSTEM.actuators[0], np.array(1e4))
+    plant = SimulatedPlant(replace(SYSTEM, actuators=(strong,)))
+    stopped = plant.apply(np.array([6.0]))
+    assert not stopped.converged
+    assert 0 < stopped.commands[0] < 6.0
+    back = plant.apply(0.5 * stopped.commands)
+    assert back.converged
+    assert back.commands == 0.5 * stopped.commands
 
 
 def test_the_first_apply_starts_from_rest(plant):

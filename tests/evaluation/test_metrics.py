@@ -144,7 +144,7 @@ def test_sums_and_units_follow_the_schema():
     schema = mixed_schema()
     rng = np.random.default_rng(0)
     true = rng.gamma(1.0, 0.2, (50, 4)) * [1, -1, 1, 1]
-    found = score_of(schema, true, true + [0.1, 0.2, 0.3, 0.3])
+    found = score_of(schema, true, true + np.array([0.1, 0.2, 0.3, 0.3]))
     assert [(o.name, o.unit) for o in found.outputs] == [
         ("zone_0", "N"),
         ("knuckle_of_the_index", "rad"),

@@ -14,8 +14,8 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
 
-from exosight.lab.pose_cache import PoseCache
 from exosight.lab.settings import View
+from exosight.lab.system import LabSystem
 from exosight.lab.views import see
 from exosight.vision.ood_images import draw_ood_images
 
@@ -37,9 +37,8 @@ def browser() -> Iterator[Browser]:
         browser.close()
 
 
-@pytest.fixture
-def open_page(browser: Browser, address: Any) -> Iterator[Callable[..., Page]]:
-    """Open the lab and wait for its first view; what the console says, or who else is asked, fails."""
+def opener(browser: Browser, address: Any) -> Iterator[Callable[..., Page]]:
+    """Open a lab and wait for its first view; what the console says, or who else is asked, fails."""
     said: list[str] = []
     contexts = []
 
@@ -69,50 +68,116 @@ def open_page(browser: Browser, address: Any) -> Iterator[Callable[..., Page]]:
     assert [words for words in said if "status of 4" not in words] == []
 
 
-def force_shown(page: Page) -> float:
-    return float(page.locator("#net-true").inner_text().removesuffix(" N").replace("−", "-"))
+@pytest.fixture
+def open_page(browser: Browser, address: Any) -> Iterator[Callable[..., Page]]:
+    """The published system."""
+    yield from opener(browser, address)
 
 
-def drive(page: Page, u: float) -> None:
+@pytest.fixture
+def open_thumb(browser: Browser, thumb_address: Any) -> Iterator[Callable[..., Page]]:
+    """A system file that the network was not trained for."""
+    yield from opener(browser, thumb_address)
+
+
+@pytest.fixture
+def open_assisted(browser: Browser, assisted_address: Any) -> Iterator[Callable[..., Page]]:
+    """A system file of two channels."""
+    yield from opener(browser, assisted_address)
+
+
+def value_shown(page: Page) -> float:
+    return float(page.locator("#value-true").inner_text().split()[0].replace("−", "-"))
+
+
+def drive(page: Page, command: float, channel: str = "u") -> None:
     """Move the slider as a hand does, and wait until its view is shown."""
     page.evaluate(
         """() => {
             window.seen = new Promise((done) => document.addEventListener('shown', done, { once: true }));
         }"""
     )
-    page.locator("#u").evaluate(
-        "(slider, u) => { slider.value = u; slider.dispatchEvent(new Event('input')); }", u
+    page.locator(f"#channel-{channel}").evaluate(
+        "(slider, command) => { slider.value = command; slider.dispatchEvent(new Event('input')); }", command
     )
     page.evaluate("() => window.seen")
 
 
-def test_the_page_shows_the_view_it_opens_with(open_page: Callable[..., Page]) -> None:
+def net_force(lab: LabSystem, view: View) -> float:
+    return float(see(view, lab).observation.readings[lab.schema.index("F_net")])
+
+
+def test_the_page_shows_the_view_it_opens_with(open_page: Callable[..., Page], lab: LabSystem) -> None:
     page = open_page()
-    seen = see(View(), PoseCache())
-    assert force_shown(page) == pytest.approx(float(seen.pose.net_force), abs=6e-4)
-    assert page.locator("#u-value").inner_text() == "2.40 N"
-    assert page.locator("#pose svg .arrow").count() == int((seen.pose.forces * 100 > 0.6).sum())
+    assert value_shown(page) == pytest.approx(net_force(lab, lab.start), abs=6e-4)
+    assert page.locator("#channel-u-value").inner_text() == "2.40 N"
+    readings = see(lab.start, lab).observation.readings
+    zones = [
+        value
+        for value, sensor in zip(readings, lab.schema.sensors, strict=True)
+        if sensor.quantity == "contact force"
+    ]
+    assert page.locator("#pose svg .arrow").count() == sum(value * 100 > 0.6 for value in zones)
     assert "contact forces" in (page.locator("#pose svg").get_attribute("aria-label") or "")
+    assert page.locator("#sensors th[scope=row]").count() == len(lab.schema.sensors)
     expect(page.locator("#guard")).to_have_text("normal")
     page.wait_for_selector("#path path.down")
 
 
-def test_dragging_up_and_down_shows_both_branches(open_page: Callable[..., Page]) -> None:
+def test_dragging_up_and_down_shows_both_branches(open_page: Callable[..., Page], lab: LabSystem) -> None:
     page = open_page()
-    box = page.locator("#u").bounding_box()
+    box = page.locator("#channel-u").bounding_box()
     assert box is not None
     middle = box["y"] + box["height"] / 2
     page.mouse.move(box["x"] + 0.6 * box["width"], middle)
     page.mouse.down()
     page.mouse.move(box["x"] + box["width"] - 1, middle, steps=12)
-    expect(page.locator("#u-value")).to_have_text("4.00 N")
+    expect(page.locator("#channel-u-value")).to_have_text("4.00 N")
     page.mouse.move(box["x"] + 0.65 * box["width"], middle, steps=12)
     page.mouse.up()
     # Up and down once; where both branches are one, the way back to rest is forgotten.
     expect(page.locator("#way")).to_have_text(re.compile(r"^0 → [234]\.\d\d → 2\.\d\d N$"))
-    u = float(page.locator("#u-value").inner_text().removesuffix(" N"))
-    seen = see(View(drive=(4.0, u)), PoseCache())
-    expect(page.locator("#net-true")).to_have_text(f"{seen.pose.net_force:.3f} N")
+    u = float(page.locator("#channel-u-value").inner_text().removesuffix(" N"))
+    expect(page.locator("#value-true")).to_have_text(f"{net_force(lab, View(drive=((4.0,), (u,)))):.3f} N")
+
+
+def test_a_system_file_has_its_own_sliders_and_sensors_and_says_why_there_are_no_estimates(
+    open_thumb: Callable[..., Page], thumb: LabSystem
+) -> None:
+    page = open_thumb()
+    page.wait_for_selector("#path path.down")
+    assert [each.text_content() for each in page.locator("#sensors th[scope=row]").all()] == [
+        "P1 [N]", "P2 [N]", "P3 [N]", "Fnet [N]", "knuckle [rad]"
+    ]  # fmt: skip
+    expect(page.locator("#no-estimates")).to_contain_text(
+        "No estimates: the network was trained for the system"
+    )
+    expect(page.locator("#guard")).to_be_hidden()
+    number = page.get_by_label("sleeve young, kPa, as a number")
+    number.fill("250")
+    number.press("Enter")
+    expect(page.locator("#command")).to_have_value(re.compile("--vary 'rods.sleeve.young=250 kPa'$"))
+    view = View({"rods.sleeve.young": 250.0}, thumb.start.drive)
+    expect(page.locator("#value-true")).to_have_text(f"{net_force(thumb, view):.3f} N")
+    page.locator("#choices").get_by_label("Sensor").select_option("knuckle")
+    expect(page.locator("#path-title")).to_have_text("knuckle over u")
+    expect(page.locator("#value-true")).to_contain_text("rad")
+
+
+def test_two_channels_have_two_sliders_and_either_can_be_charted(open_assisted: Callable[..., Page]) -> None:
+    page = open_assisted()
+    page.wait_for_selector("#path path.down")
+    drive(page, 0.02, "assist")
+    expect(page.locator("#channel-assist-value")).to_have_text("0.0200 N m")
+    expect(page.locator("#way")).to_have_text("rest → u 2.40 N → assist 0.0200 N m")
+    page.locator("#choices").get_by_label("Channel").select_option("assist")
+    expect(page.locator("#falling")).to_have_text("falling from 0.0400 N m")
+    page.wait_for_selector("#path path.down")
+    page.get_by_role("tab", name="Closed loop").click()
+    page.locator("#loop-settings").get_by_label("Sensor").select_option("P3")
+    page.get_by_label("Law").select_option("proportional")
+    page.get_by_role("button", name="Run").click()
+    expect(page.locator("#time")).to_have_attribute("max", "59", timeout=SOON)
 
 
 def test_every_slider_and_list_changes_what_it_says(open_page: Callable[..., Page]) -> None:
@@ -141,7 +206,7 @@ def test_files_and_the_command_can_be_saved(open_page: Callable[..., Page], tmp_
     for button, start in (
         ("#save-figure", b"<svg"),
         ("#save-picture", b"\x89PNG"),
-        ("#save-forces", b"contact,"),
+        ("#save-readings", b"sensor,"),
         ("#save-path", b"u [N],"),
     ):
         with page.expect_download() as waiting:
@@ -157,7 +222,7 @@ def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page]
     page = open_page()
     page.get_by_role("tab", name="Closed loop").click()
     page.get_by_label("Law").select_option("proportional")
-    page.get_by_label("Sensor").select_option("true")
+    page.get_by_label("Measured by").select_option("true")
     page.get_by_role("button", name="Run").click()
     expect(page.locator("#time")).to_have_attribute("max", "59", timeout=SOON)
     # Wherever it is now: the key moves the time, and moving it pauses.
@@ -181,10 +246,10 @@ def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page]
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 61
 
 
-def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page], tmp_path: Path) -> None:
+def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page], lab: LabSystem) -> None:
     page = open_page()
     page.get_by_role("tab", name="Your picture").click()
-    files = {"pose.png": see(View(), PoseCache()).image, "text.png": draw_ood_images("text", 1, 0)[0]}
+    files = {"pose.png": see(lab.start, lab).image, "text.png": draw_ood_images("text", 1, 0)[0]}
     for name, image in files.items():
         data = cv2.imencode(".png", image)[1].tobytes()
         dropped = page.evaluate_handle(
@@ -193,7 +258,7 @@ def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page
             [name, list(data)],
         )
         page.dispatch_event("#drop", "drop", {"dataTransfer": dropped})
-        words = "like those learned from" if name == "pose.png" else "Do not trust these forces"
+        words = "like those learned from" if name == "pose.png" else "Do not trust these estimates"
         expect(page.locator("#verdict")).to_contain_text(words)
     page.locator("#file").set_input_files(
         {"name": "bad.png", "mimeType": "image/png", "buffer": b"not a picture"}
@@ -223,13 +288,21 @@ def test_the_page_is_usable_by_keyboard_alone(open_page: Callable[..., Page]) ->
         name = page.evaluate(
             "document.activeElement.id || document.activeElement.getAttribute('aria-label') || ''"
         )
-        if name == "u" and name not in reached:
+        if name == "channel-u" and name not in reached:
             page.keyboard.press("ArrowRight")
-            expect(page.locator("#u-value")).to_have_text("2.45 N")
+            expect(page.locator("#channel-u-value")).to_have_text("2.45 N")
             page.keyboard.press("End")
-            expect(page.locator("#u-value")).to_have_text("4.00 N")
+            expect(page.locator("#channel-u-value")).to_have_text("4.00 N")
         reached.add(name)
-    assert {"u", "sweep", "theme", "command", "copy", "save-figure", "Length, mm, as a number"} <= reached
+    assert {
+        "channel-u",
+        "sweep",
+        "theme",
+        "command",
+        "copy",
+        "save-figure",
+        "Length, mm, as a number",
+    } <= reached
     slider = page.get_by_label("Radius at the tip", exact=True)
     slider.focus()
     page.keyboard.press("ArrowRight")
@@ -248,13 +321,17 @@ def test_a_server_that_is_gone_is_told(open_page: Callable[..., Page]) -> None:
     expect(page.locator("#problem")).to_be_hidden()
 
 
-@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), ("dark", 390)])
-def test_axe_finds_no_serious_fault(open_page: Callable[..., Page], scheme: str, width: int) -> None:
+@pytest.mark.parametrize("name", ["open_page", "open_thumb", "open_assisted"])
+@pytest.mark.parametrize(("scheme", "size"), [("light", (1400, 900)), ("dark", (390, 844))])
+def test_axe_finds_no_serious_fault(
+    name: str, scheme: str, size: tuple[int, int], request: pytest.FixtureRequest
+) -> None:
     # Without motion: a colour on its way from one to the other is nobody's choice.
-    page = open_page(color_scheme=scheme, reduced_motion="reduce", viewport={"width": width, "height": 900})
+    viewport = {"width": size[0], "height": size[1]}
+    page = request.getfixturevalue(name)(color_scheme=scheme, reduced_motion="reduce", viewport=viewport)
     page.wait_for_selector("#path path.down")
-    for name in ("Explore", "Closed loop", "Your picture"):
-        page.get_by_role("tab", name=name).click()
+    for tab in ("Explore", "Closed loop", "Your picture"):
+        page.get_by_role("tab", name=tab).click()
         found = Axe().run(page).response["violations"]
         assert [
             (each["id"], each["nodes"][0]["html"])
@@ -262,7 +339,7 @@ def test_axe_finds_no_serious_fault(open_page: Callable[..., Page], scheme: str,
             if each["impact"] in ("serious", "critical")
         ] == []
         # Nothing has to be scrolled sideways.
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        assert page.evaluate("document.documentElement.scrollWidth") <= size[0]
 
 
 def test_the_theme_is_chosen_and_kept(open_page: Callable[..., Page]) -> None:

@@ -3,89 +3,138 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from exosight.control import CONTROL_SHAPE
 from exosight.control.simulated import SimulatedPlant
-from exosight.exosuit.assembly import Exosuit
-from exosight.lab.pose_cache import TOP, CachedExosuit, PoseCache, turning_points
-from exosight.lab.settings import STEP
+from exosight.control.trials import CONTROL_SHAPE
+from exosight.exosuit.published import published
+from exosight.lab.pose_cache import CachedSystem, Move, PoseCache, grid_of, turning_points
+from exosight.lab.settings import View
+from exosight.lab.system import LabSystem
+from exosight.system.schema import Channel
 
-drives = st.lists(st.integers(0, TOP), min_size=1, max_size=30)
+SYSTEM = published(CONTROL_SHAPE)
+GRID = grid_of(SYSTEM.schema.channels[0])
+TOP = GRID.top
+
+drives = st.lists(st.tuples(st.integers(0, 2), st.integers(-5, 12)), max_size=30)
 
 
-def walked(drive: tuple[int, ...] | list[int]) -> list[int]:
-    """Every step of a way from rest."""
-    at, steps = 0, [0]
-    for goal in drive:
-        while at != goal:
-            at += 1 if goal > at else -1
-            steps.append(at)
+def walked(drive: tuple[Move, ...] | list[Move]) -> list[tuple[int, ...]]:
+    """Every step of every channel on the way from rest."""
+    now = [0, 0, 0]
+    steps = [(0, 0, 0)]
+    for channel, goal in drive:
+        while now[channel] != goal:
+            now[channel] += 1 if goal > now[channel] else -1
+            steps.append((now[0], now[1], now[2]))
     return steps
 
 
 @given(drives)
-def test_turning_points_are_the_same_way_and_turn_every_time(drive: list[int]) -> None:
+def test_turning_points_are_the_same_way_and_turn_every_time(drive: list[Move]) -> None:
     short = turning_points(drive)
     assert walked(short) == walked(drive)
     assert turning_points(short) == short
-    signs = np.sign(np.diff([0, *short]))
-    assert len(short) == 1 or np.all(signs[1:] == -signs[:-1])
+    way = np.diff(walked(short), axis=0)
+    changes = int(np.any(way[1:] != way[:-1], axis=1).sum())
+    assert len(short) == (changes + 1 if len(way) else 0)
+
+
+@pytest.mark.parametrize(
+    ("channel", "step", "bottom", "top"),
+    [
+        (Channel("u", "N", -6, 6, drive=4.0), 0.05, 0, 80),
+        (Channel("u", "N", -1, 4), 0.05, -20, 80),
+        (Channel("p", "kPa", 0, 80), 1.0, 0, 80),
+        (Channel("t", "N m", -0.3, 0.1), 0.005, -60, 20),
+        (Channel("p", "bar", 0, 0.33), 0.005, 0, 66),
+    ],
+    ids=str,
+)
+def test_a_grid_covers_the_range_of_its_channel(channel: Channel, step: float, bottom: int, top: int) -> None:
+    grid = grid_of(channel)
+    assert (grid.step, grid.bottom, grid.top) == (pytest.approx(step), bottom, top)
+    assert grid.command(grid.peak) == pytest.approx(channel.peak)
 
 
 @pytest.fixture(scope="module")
-def cached() -> CachedExosuit:
-    return CachedExosuit(Exosuit(CONTROL_SHAPE))
+def cached() -> CachedSystem:
+    return CachedSystem(SYSTEM, [GRID])
 
 
-@pytest.mark.parametrize("drive", [(40,), (80, 40), (50, 30, 60)])
-def test_poses_are_those_of_the_plant_on_the_same_way(cached: CachedExosuit, drive: tuple[int, ...]) -> None:
-    plant = SimulatedPlant(Exosuit(CONTROL_SHAPE))
+def driven(*steps: int) -> list[Move]:
+    return [(0, k) for k in steps]
+
+
+@pytest.mark.parametrize("steps", [(40,), (80, 40), (50, 30, 60)])
+def test_poses_are_those_of_the_plant_on_the_same_way(cached: CachedSystem, steps: tuple[int, ...]) -> None:
+    plant = SimulatedPlant(SYSTEM)
     plant.reset()
-    *before, last = (STEP * k for k in drive)
+    *before, last = (np.array([GRID.command(k)]) for k in steps)
     for u in before:
         plant.apply(u)
     seen = plant.apply(last)
-    rest = cached.at(drive)
+    rest = cached.at(driven(*steps))
     assert rest.converged
     # The lab's are converged to 1e-7 in the energy norm; the largest difference found was 2e-7.
     np.testing.assert_allclose(rest.q, seen.q, atol=2e-6)
 
 
-def test_a_pose_does_not_depend_on_what_else_was_asked_for(cached: CachedExosuit) -> None:
-    fresh = CachedExosuit(Exosuit(CONTROL_SHAPE))
+def test_a_pose_does_not_depend_on_what_else_was_asked_for(cached: CachedSystem) -> None:
+    fresh = CachedSystem(SYSTEM, [GRID])
     for k in range(33):
-        fresh.at((k,))
-    np.testing.assert_array_equal(fresh.at((33,)).q, cached.at((33,)).q)
+        fresh.at(driven(k))
+    np.testing.assert_array_equal(fresh.at(driven(33)).q, cached.at(driven(33)).q)
 
 
-def test_between_two_loads_the_pose_lies_between_theirs(cached: CachedExosuit) -> None:
-    """And the way up to it is not needed for what comes after: poses at loads stay as they are."""
-    fresh = CachedExosuit(Exosuit(CONTROL_SHAPE))
-    before, at, after = (fresh.at((k,)).q for k in (20, 21, 22))
+def test_between_two_places_the_pose_lies_between_theirs(cached: CachedSystem) -> None:
+    """And the way up to it is not needed for what comes after: poses at places stay as they are."""
+    fresh = CachedSystem(SYSTEM, [GRID])
+    before, at, after = (fresh.at(driven(k)).q for k in (20, 21, 22))
     assert np.abs(at - (before + after) / 2).max() < 0.1 * np.abs(after - before).max()  # smooth up to here
-    np.testing.assert_array_equal(after, cached.at((22,)).q)
+    np.testing.assert_array_equal(after, cached.at(driven(22)).q)
 
 
-def test_rising_and_falling_differ_and_meet_again(cached: CachedExosuit) -> None:
-    up, down = ([cached.at((*way, k)).q for k in range(0, TOP + 1, 4)] for way in ((), (TOP,)))
+def test_rising_and_falling_differ_and_meet_again(cached: CachedSystem) -> None:
+    up, down = ([cached.at(driven(*way, k)).q for k in range(0, TOP + 1, 4)] for way in ((), (TOP,)))
     apart = [np.abs(a - b).max() for a, b in zip(up, down, strict=True)]
     assert max(apart) > 0.1  # rad or strain: the exosuit snaps on the way
     assert apart[0] < 2e-6
 
 
-def test_a_way_that_ends_where_a_shorter_one_does_is_told_as_that(cached: CachedExosuit) -> None:
-    assert cached.at((TOP, 0)).drive == (0,)
-    assert cached.at((10, 5, 12)).drive == (12,)  # no snap so early: nothing is remembered
-    falling = cached.at((TOP, 48))
-    assert falling.drive == (TOP, 48)
-    np.testing.assert_array_equal(cached.at((TOP, 40, 48, 40)).converged, True)
+def test_a_way_that_ends_where_a_shorter_one_does_is_told_as_that(cached: CachedSystem) -> None:
+    assert cached.at(driven(TOP, 0)).drive == ()
+    assert cached.at(driven(10, 5, 12)).drive == ((0, 12),)  # no snap so early: nothing is remembered
+    falling = cached.at(driven(TOP, 48))
+    assert falling.drive == ((0, TOP), (0, 48))
+    np.testing.assert_array_equal(cached.at(driven(TOP, 40, 48, 40)).converged, True)
 
 
-def test_what_is_remembered_is_bounded(cached: CachedExosuit) -> None:
+def test_channels_move_one_after_the_other(assisted: LabSystem) -> None:
+    """Where nothing snaps their order does not matter; each moves what it acts on."""
+    cached = assisted.cached(View())
+    angle = cached.robot.dof_slice("proximal").start
+    rest = cached.at([])
+    both = cached.at([(0, 10), (1, 40)])
+    np.testing.assert_allclose(both.q, cached.at([(1, 40), (0, 10)]).q, atol=2e-6)
+    assert both.drive == ((0, 10), (1, 40))
+    torque = cached.at([(1, 40)])
+    # A hinge with a spring alone: angle = torque / stiffness, with nothing pressing yet.
+    turned = torque.q[angle] - rest.q[angle]
+    assert turned == pytest.approx(assisted.grids[1].command(40) / 0.05, rel=0.02)
+
+
+def test_what_is_remembered_is_bounded(cached: CachedSystem) -> None:
     for k in range(1, 80):
-        cached.at((k, k - 1))
+        cached.at(driven(k, k - 1))
     assert len(cached._branches) <= 64
-    poses = PoseCache()
+    poses, made = PoseCache(), []
+
+    def make() -> CachedSystem:
+        made.append(CachedSystem(SYSTEM, [GRID]))
+        return made[-1]
+
     for i in range(40):
-        poses.get(Exosuit(CONTROL_SHAPE, young=3e5 + i))
-    assert len(poses._exosuits) <= 32
-    assert poses.get(Exosuit(CONTROL_SHAPE)) is poses.get(Exosuit(CONTROL_SHAPE))
+        poses.get(str(i), make)
+    assert len(poses._systems) <= 32
+    assert poses.get("39", make) is made[-1]
+    assert len(made) == 40

@@ -7,6 +7,7 @@ import socket
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -23,8 +24,9 @@ from exosight.lab.pose_cache import PoseCache
 from exosight.lab.security import LOOPBACK
 from exosight.lab.server import access, address_of, listen
 from exosight.lab.settings import View
+from exosight.lab.system import LabSystem
 from exosight.lab.uploads import LARGEST_UPLOAD
-from exosight.lab.views import exosuit_of, see
+from exosight.lab.views import see
 from exosight.vision.ood_images import draw_ood_images
 
 fuzzed = settings(
@@ -36,7 +38,7 @@ anything = st.recursive(
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=12), inner, max_size=4),
     max_leaves=12,
 )
-names = ["family", "parameters", "length", "drive", "zoom", "corruption", "view", "target", "law", "x"]
+names = ["design", "drive", "look", "length", "zoom", "view", "channel", "sensor", "target", "law", "x"]
 keyed = st.dictionaries(st.sampled_from(names), anything, min_size=1, max_size=3)
 
 JSON = {"content-type": "application/json"}
@@ -84,14 +86,17 @@ def test_the_page_and_its_parts_are_served_from_here_alone(client: httpx.Client)
         assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
 
 
-def test_a_view_is_answered_with_picture_forces_guard_and_command(client: httpx.Client) -> None:
-    told = client.post("/api/view", json={"drive": [4.0, 2.4]}).json()
-    seen = see(View(drive=(4.0, 2.4)), PoseCache())
-    assert told["F_net"] == pytest.approx(float(seen.pose.net_force), abs=1e-5)
+def test_a_view_is_answered_with_picture_readings_guard_and_command(
+    client: httpx.Client, lab: LabSystem
+) -> None:
+    told = client.post("/api/view", json={"drive": [[4.0], [2.4]]}).json()
+    seen = see(View(drive=((4.0,), (2.4,))), lab)
+    net = float(seen.observation.readings[lab.schema.index("F_net")])
+    assert told["readings"]["F_net"] == pytest.approx(net, abs=1e-5)
     assert told["command"] == "exosight lab --drive 4 2.4"
     assert told["guard"]["state"] == "normal"
-    assert len(told["scene"]["contacts"]) == 8
-    assert client.post("/api/view", json={"drive": [1, 0.5, 0.75]}).json()["drive"] == [0.75]
+    assert client.post("/api/view", json={"drive": [[1], [0.5], [0.75]]}).json()["drive"] == [[0.75]]
+    assert client.post("/api/view", json={}).json()["drive"] == []
 
 
 def test_files_are_offered_for_saving(client: httpx.Client) -> None:
@@ -99,29 +104,44 @@ def test_files_are_offered_for_saving(client: httpx.Client) -> None:
     image = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
     assert image is not None
     assert image.shape == (128, 128)
-    assert client.post("/api/save/forces.csv", json={}).text.startswith("contact,true [N]")
-    assert len(client.post("/api/save/path.csv", json={}).text.splitlines()) == 42
+    assert client.post("/api/save/readings.csv", json={}).text.startswith("sensor,unit,true")
+    path = client.post("/api/save/path.csv", json={"sensor": "angle_1"}).text.splitlines()
+    assert path[0] == "u [N],angle_1 [rad],way"
+    assert len(path) == 1 + 41 + 41
     assert client.post("/api/save/other.exe", json={}).status_code == 404
 
 
-def test_twenty_pages_at_once_each_get_their_own_view(client: httpx.Client) -> None:
-    wanted = [{"young": 2e5 + 5e3 * i, "drive": [round(0.05 * (29 + i), 2)]} for i in range(20)]
+def test_twenty_pages_at_once_each_get_their_own_view(client: httpx.Client, lab: LabSystem) -> None:
+    wanted = [{"design": {"young": 2e5 + 5e3 * i}, "drive": [[round(0.05 * (29 + i), 2)]]} for i in range(20)]
 
     def ask(view: dict[str, Any]) -> dict[str, Any]:
         return client.post("/api/view", json=view).json()
 
     with ThreadPoolExecutor(20) as pool:
         at_once = list(pool.map(ask, wanted))
-    poses = PoseCache()
+    net = lab.schema.index("F_net")
     for view, told in list(zip(wanted, at_once, strict=True))[::4]:
-        own = View(young=view["young"], drive=tuple(view["drive"]))
-        assert told["F_net"] == pytest.approx(float(see(own, poses).pose.net_force), abs=1e-5)
-    assert len({told["F_net"] for told in at_once}) == 20
-    assert exosuit_of(View()).young == 3e5
+        own = see(View(view["design"], tuple(map(tuple, view["drive"]))), replace(lab, poses=PoseCache()))
+        assert told["readings"]["F_net"] == pytest.approx(float(own.observation.readings[net]), abs=1e-5)
+    assert len({told["readings"]["F_net"] for told in at_once}) == 20
+
+
+def test_the_page_of_another_system_is_told_of_it(thumb_address: Any, thumb: LabSystem) -> None:
+    with httpx.Client(base_url=str(thumb_address), timeout=120) as client:
+        about = client.get("/api/about").json()
+        assert about["system"] == "thumb"
+        assert about["network"]["refusal"] == thumb.refusal
+        told = client.post("/api/view", json={"drive": about["start"]["drive"]}).json()
+        assert told["reading"] is None
+        assert set(told["readings"]) == {each["name"] for each in about["sensors"]}
+        assert client.post("/api/path", json={"sensor": "knuckle"}).json()["unloading"][-1][0] == -1
+        refused = client.post("/api/trial", json={})
+        assert refused.status_code == 400
+        assert sentence_of(refused).startswith("measured: no estimates")
 
 
 @fuzzed
-@given(body=st.binary(max_size=300), where=st.sampled_from(["view", "path", "trial", "save/forces.csv"]))
+@given(body=st.binary(max_size=300), where=st.sampled_from(["view", "path", "trial", "save/readings.csv"]))
 def test_bytes_that_are_no_settings_are_refused(client: httpx.Client, body: bytes, where: str) -> None:
     answer = client.post(f"/api/{where}", content=body, headers=JSON)
     assert answer.status_code == 400
@@ -137,7 +157,7 @@ def test_messages_out_of_anything_are_refused_or_answered(client: httpx.Client, 
     if answer.status_code == 400:
         assert sentence_of(answer)
     else:
-        assert "F_net" in answer.json()
+        assert "readings" in answer.json()
 
 
 @fuzzed
@@ -160,10 +180,10 @@ def test_damaged_pictures_are_refused_or_read(client: httpx.Client, cut: int, fl
     assert answer.status_code in (200, 400)
 
 
-def test_a_picture_is_estimated_and_an_unlike_one_is_told(client: httpx.Client) -> None:
-    pose = see(View(), PoseCache())
-    told = client.post("/api/estimate", content=png(pose.image)).json()
-    assert told["reading"]["forces"] == pytest.approx(pose.reading.forces[0].tolist(), abs=1e-5)
+def test_a_picture_is_estimated_and_an_unlike_one_is_told(client: httpx.Client, lab: LabSystem) -> None:
+    told = client.post("/api/estimate", content=png(see(lab.start, lab).image)).json()
+    shown = client.post("/api/view", json={"drive": lab.start.drive}).json()
+    assert told["reading"]["estimates"] == shown["reading"]["estimates"]
     assert told["reading"]["ood_score"] < 1
     strange = client.post("/api/estimate", content=png(draw_ood_images("text", 1, 0)[0])).json()
     assert strange["reading"]["ood_score"] > 1
@@ -189,7 +209,7 @@ def test_pictures_of_a_wrong_shape_or_size_are_refused(
 
 def test_the_reader_of_uploads_knows_no_other_kinds_of_file() -> None:
     with pytest.raises(OSError, match="not one that can be read"):
-        uploads.read_upload(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n")
+        uploads.read_upload(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", 128, 128)
 
 
 @pytest.mark.parametrize("path", TRICKS)
@@ -301,7 +321,7 @@ def test_small_answers_leave_at_once() -> None:
 
 
 def test_pages_that_leave_in_the_middle_do_no_harm(address: Any, alive: Callable[[], None]) -> None:
-    body = json.dumps({"young": 222e3, "drive": [4.0]}).encode()
+    body = json.dumps({"view": {"design": {"young": 222e3}, "drive": [[4.0]]}}).encode()
     head = f"POST /api/path HTTP/1.1\r\nHost: {address.host}\r\nContent-Type: application/json\r\n"
 
     def ask_and_leave() -> None:

@@ -4,124 +4,208 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from example_systems import THUMB
 
 from exosight.app.main import main
 from exosight.control import OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL
-from exosight.exosuit.simulation import simulate
-from exosight.lab.pose_cache import PoseCache
-from exosight.lab.settings import View
-from exosight.lab.views import answer, exosuit_of, judge, network, path_of, photograph, see
+from exosight.control.simulated import SimulatedPlant
+from exosight.lab.estimates import judge
+from exosight.lab.pictures import photograph
+from exosight.lab.settings import Look, PathSettings, View
+from exosight.lab.system import LabSystem
+from exosight.lab.views import answer, path_answer, path_of, see
 from exosight.vision.ood_images import draw_ood_images
 
 
-@pytest.fixture(scope="module")
-def poses() -> PoseCache:
-    return PoseCache()
+def told_path(settings: PathSettings, lab: LabSystem) -> dict:
+    return path_answer(settings, path_of(settings, lab), lab.cached(settings.view), lab)
 
 
-def test_a_view_is_what_the_package_says_of_the_same_exosuit(poses: PoseCache) -> None:
-    view = View(drive=(2.4,))
-    seen = see(view, poses)
-    (record,) = simulate(exosuit_of(view), [2.4]).records()
+@pytest.mark.parametrize("name", ["lab", "thumb"])
+def test_a_view_is_what_the_plant_shows_of_the_same_system(name: str, request: pytest.FixtureRequest) -> None:
+    lab: LabSystem = request.getfixturevalue(name)
+    seen = see(View(drive=((2.4,),)), lab)
+    plant = SimulatedPlant(lab.cached(View()).system)
+    plant.reset()
+    shown = plant.apply(np.array([2.4]))
     # Converged to 1e-7 in the energy norm; the largest difference found was 4e-8 N.
-    np.testing.assert_allclose(seen.pose.forces, record["forces"], atol=1e-6)
+    np.testing.assert_allclose(seen.observation.readings, shown.readings, atol=1e-6)
+    np.testing.assert_array_equal(seen.image, shown.image)
+    told = answer(View(drive=((2.4,),)), seen, lab)
+    assert list(told["readings"]) == [sensor.name for sensor in lab.schema.sensors]
+
+
+def test_estimates_are_those_of_the_network(lab: LabSystem) -> None:
+    seen = see(lab.start, lab)
     read = OnnxEstimator.load(DEFAULT_MODEL).read(seen.image[None])
-    np.testing.assert_array_equal(seen.reading.forces, read.forces)
-    assert seen.state == ("normal", "picture and estimate can be trusted")
+    told = answer(lab.start, seen, lab)["reading"]
+    assert tuple(told["estimates"]) == (*lab.schema.outputs, "F_net")
+    values = [told["estimates"][name]["value"] for name in lab.schema.outputs]
+    np.testing.assert_allclose(values, read.forces[0], atol=6e-6)  # five digits are sent
+    assert told["estimates"]["F_net"]["value"] == pytest.approx(float(read.forces.sum()), abs=6e-6)
 
 
-def test_arrows_are_the_forces_and_stand_on_the_spheres(poses: PoseCache) -> None:
-    seen = see(View(drive=(3.0,)), poses)
-    at, force = seen.pose.spheres, seen.pose.pushes
-    np.testing.assert_allclose(np.linalg.norm(force, axis=1), seen.pose.forces, atol=1e-12)
-    np.testing.assert_allclose(at[::2], seen.pose.finger[:4], atol=1e-9)  # C0, C2, C4, C6: joints
-    assert seen.pose.forces.max() > 0.05
-    assert force[:, 2].max() <= 0  # the exosuit lies above the finger: it presses down
-
-
-def test_the_path_passes_through_the_view(poses: PoseCache) -> None:
-    view = View(drive=(4.0, 2.4))
-    path = path_of(poses.get(exosuit_of(view)))
-    assert path["u"][24] == 2.4
-    assert path["unloading"][24] == pytest.approx(float(see(view, poses).pose.net_force), abs=1e-5)
-    assert path["loading"][24] == pytest.approx(
-        float(see(View(drive=(2.4,)), poses).pose.net_force), abs=1e-5
+def test_a_network_of_another_system_gives_no_estimates_and_says_so(thumb: LabSystem) -> None:
+    seen = see(thumb.start, thumb)
+    told = answer(thumb.start, seen, thumb)
+    assert seen.reading is None
+    assert told["reading"] is None
+    assert told["guard"] is None
+    assert told["readings"]["F_net"] > 0.1
+    refusal = thumb.refusal or ""
+    assert refusal.startswith(
+        "no estimates: the network was trained for the system published; expected the sensors"
     )
-    assert path["loading"][-1] == path["unloading"][-1]
+    assert "got P1, P2, P3, F_net, knuckle" in refusal
+
+
+@pytest.mark.parametrize("name", ["lab", "thumb"])
+def test_arrows_are_the_forces_on_the_zones(name: str, request: pytest.FixtureRequest) -> None:
+    lab: LabSystem = request.getfixturevalue(name)
+    view = View(drive=((3.0,),))
+    seen = see(view, lab)
+    told = answer(view, seen, lab)
+    zones = [sensor.name for sensor in lab.schema.sensors if sensor.quantity == "contact force"]
+    assert len(told["scene"]["zones"]) == len(zones)
+    for zone, sensor in zip(told["scene"]["zones"], zones, strict=True):
+        # Planar: nothing is lost with y; five digits are sent.
+        assert np.hypot(*zone["force"]) == pytest.approx(told["readings"][sensor], abs=2e-5)
+        assert zone["force"][1] <= 0  # what is worn lies above: it presses down
+    assert max(told["readings"][name] for name in zones) > 0.05
+
+
+@pytest.mark.parametrize(("name", "end"), [("lab", 0.0), ("thumb", -1.0)])
+def test_a_path_goes_to_the_peak_and_back_through_the_view(
+    name: str, end: float, request: pytest.FixtureRequest
+) -> None:
+    lab: LabSystem = request.getfixturevalue(name)
+    path = told_path(PathSettings(), lab)
+    assert path["sensor"] == "F_net"
+    assert [path[way][i][0] for way in ("loading", "unloading") for i in (0, -1)] == [0, 4, 4, end]
+    assert path["loading"][-1] == path["unloading"][0]
+    for way, drive in (("loading", ((2.4,),)), ("unloading", ((4.0,), (2.4,)))):
+        seen = see(View(drive=drive), lab).observation.readings[lab.schema.index("F_net")]
+        assert dict(path[way])[2.4] == pytest.approx(float(seen), abs=1e-5)
+    highest = max(value for _, value in path["loading"] + path["unloading"])
+    assert path["target"]["low"] < path["target"]["start"] < highest <= path["target"]["high"]
+
+
+def test_a_path_keeps_the_other_channels_where_they_are(assisted: LabSystem) -> None:
+    view = View(drive=((1.0, 0.02),))
+    path = told_path(PathSettings(view, channel="assist", sensor="knuckle"), assisted)
+    angle = see(view, assisted).observation.readings[assisted.schema.index("knuckle")]
+    assert dict(path["loading"])[0.02] == pytest.approx(float(angle), abs=1e-5)
+    assert path["unloading"][-1][0] == -0.02
+    assert answer(view, see(view, assisted), assisted)["drive"] == ((1.0, 0.0), (1.0, 0.02))
 
 
 @pytest.mark.parametrize(
-    "changed",
+    "look",
     [
-        {"corruption": "noise-low"},
-        {"corruption": "contrast-high"},
-        {"corruption": "blur"},
-        {"corruption": "occlusion"},
-        {"corruption": "background"},
-        {"shift_x": 0.1},
-        {"roll": 0.2},
-        {"zoom": 1.2},
-        {"tilt": 0.3},
+        Look(corruption="noise-low"),
+        Look(corruption="contrast-high"),
+        Look(corruption="blur"),
+        Look(corruption="occlusion"),
+        Look(corruption="background"),
+        Look(shift_x=0.1),
+        Look(roll=0.2),
+        Look(zoom=1.2),
+        Look(tilt=0.3),
     ],
     ids=str,
 )
-def test_camera_and_corruption_change_the_picture_and_nothing_else(poses: PoseCache, changed: dict) -> None:
-    plain, other = (see(replace(View(), **each), poses) for each in ({}, changed))
+def test_camera_and_corruption_change_the_picture_and_nothing_else(lab: LabSystem, look: Look) -> None:
+    plain, other = (see(replace(lab.start, look=each), lab) for each in (Look(), look))
     assert np.any(plain.image != other.image)
     np.testing.assert_array_equal(plain.rest.q, other.rest.q)
-    np.testing.assert_array_equal(see(replace(View(), **changed), poses).image, other.image)
+    np.testing.assert_array_equal(see(replace(lab.start, look=look), lab).image, other.image)
 
 
 def test_a_picture_shifted_right_has_moved_right() -> None:
     clean = np.full((1, 128, 128), 235, np.uint8)
     clean[0, 40:80, 30:60] = 60
-    moved = photograph(View(shift_x=0.125), clean)[0]
+    moved = photograph(Look(shift_x=0.125), clean)[0]
     np.testing.assert_array_equal(moved[:, 16:], clean[0, :, :-16])
 
 
-def test_the_guard_tells_what_it_would_do() -> None:
+def test_the_guard_tells_what_it_would_do(lab: LabSystem) -> None:
     strange = draw_ood_images("text", 1, 0)[0]
-    state, cause = judge(strange, network().read(strange[None]))
-    assert state == "hold"
-    assert "out-of-distribution image" in cause
+    told = judge(strange, lab.network.read(strange[None]), lab.schema)
+    assert told["state"] == "hold"
+    assert "out-of-distribution image" in told["cause"]
     black = np.zeros((128, 128), np.uint8)
-    assert judge(black, network().read(black[None])) == ("hold", "a black or blank frame")
+    told = judge(black, lab.network.read(black[None]), lab.schema)
+    assert told == {"state": "hold", "cause": "a black or blank frame"}
 
 
-def test_too_much_force_makes_the_guard_release(poses: PoseCache) -> None:
-    seen = see(View(), poses)
+def test_too_much_force_makes_the_guard_release(lab: LabSystem) -> None:
+    seen = see(lab.start, lab)
+    assert seen.reading is not None
     heavy = replace(
         seen.reading, forces=seen.reading.forces + np.float32(0.7), high=seen.reading.high + np.float32(1)
     )
-    state, cause = judge(seen.image, heavy)
-    assert state == "release"
-    assert "presses with" in cause
+    assert judge(seen.image, heavy, lab.schema)["state"] == "release"
 
 
-def test_frames_that_datasets_drop_are_marked(poses: PoseCache) -> None:
-    rolled = View(parameters=(0.0045, 0.004), length=0.11, drive=(4.0,))
-    told = answer(rolled, exosuit_of(rolled), see(rolled, poses))
-    assert told["notes"]
-    assert not answer(View(), exosuit_of(View()), see(View(), poses))["notes"]
+def test_frames_that_datasets_drop_are_marked(lab: LabSystem) -> None:
+    rolled = View({"parameters": [0.0045, 0.004], "length": 0.11}, ((4.0,),))
+    assert see(rolled, lab).notes
+    assert not see(lab.start, lab).notes
 
 
-def test_the_command_writes_the_files_of_a_view(tmp_path: Path, poses: PoseCache) -> None:
-    main(["lab", "--drive", "4", "2.4", "--young", "250e3", "--out", str(tmp_path / "view")])
-    seen = see(View(drive=(4.0, 2.4), young=250e3), poses)
+def read_rows(file: Path) -> list[list[str]]:
+    return [line.split(",") for line in file.read_text(encoding="utf-8").splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("words", "view"),
+    [
+        (["--young", "250e3"], View({"young": 250e3}, ((4.0,), (2.4,)))),
+        (
+            ["--system", str(THUMB), "--vary", "rods.sleeve.young=250 kPa"],
+            View({"rods.sleeve.young": 250.0}, ((4.0,), (2.4,))),
+        ),
+    ],
+    ids=["published", "thumb"],
+)
+def test_the_command_writes_the_files_of_a_view(
+    tmp_path: Path, words: list[str], view: View, request: pytest.FixtureRequest
+) -> None:
+    lab: LabSystem = request.getfixturevalue("thumb" if "--system" in words else "lab")
+    main(["lab", "--drive", "4", "2.4", *words, "--out", str(tmp_path / "view")])
+    seen = see(view, lab)
     image = cv2.imread(str(tmp_path / "view" / "picture.png"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(image, seen.image)
-    rows = [line.split(",") for line in (tmp_path / "view" / "forces.csv").read_text().splitlines()]
-    assert [row[0] for row in rows[1:]] == [*(f"C{i}" for i in range(8)), "F_net"]
-    assert [float(row[1]) for row in rows[1:]] == pytest.approx(
-        [*seen.pose.forces.tolist(), float(seen.pose.net_force)], abs=1e-5
+    rows = read_rows(tmp_path / "view" / "readings.csv")[1:]
+    assert [row[:2] for row in rows] == [[sensor.name, sensor.unit] for sensor in lab.schema.sensors]
+    assert [float(row[2]) for row in rows] == pytest.approx(seen.observation.readings.tolist(), abs=1e-6)
+    assert [row[0] for row in rows if row[3]] == (
+        list(lab.schema.controllable) if lab.refusal is None else []
     )
-    assert len((tmp_path / "view" / "path.csv").read_text().splitlines()) == 42
+    assert read_rows(tmp_path / "view" / "path.csv")[0] == ["u [N]", "F_net [N]", "way"]
 
 
-def test_the_command_refuses_what_the_page_refuses(capsys: pytest.CaptureFixture[str]) -> None:
-    for words in (["--family", "sine"], ["--drive", "9"], ["--parameters", "1", "2"]):
-        with pytest.raises(SystemExit) as end:
-            main(["lab", *words])
-        assert end.value.code == 2
-        assert capsys.readouterr().err.count("\n") == 1
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--family", "sine"], "sine: a must be"),
+        (["--drive", "9"], "drive.0.u: expected 0 to 4 N, got 9"),
+        (["--parameters", "1", "2"], "linear: r0 must be"),
+        (["--system", "none"], "system: expected published or a file"),
+        (["--vary", "a=1"], "--vary: it is for system files"),
+        (["--system", str(THUMB), "--gap", "0.001"], "--gap: only the system published has it"),
+        (["--system", str(THUMB), "--vary", "rods.sleeve.young=1 mm"], "young: expected a value in kPa"),
+        (["--system", str(THUMB), "--vary", "rods.sleeve.young=1 kPa"], "young: expected 200 to 400 kPa"),
+        (["--system", str(THUMB), "--drive", "-1.5"], "drive.0.u: expected -1 to 4 N"),
+    ],
+)  # fmt: skip
+def test_options_that_do_not_fit_are_refused_in_one_sentence(
+    capsys: pytest.CaptureFixture[str], words: list[str], sentence: str
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["lab", *words, "--no-browser"])
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert sentence in said

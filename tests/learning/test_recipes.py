@@ -71,7 +71,7 @@ def test_paper_recipe_on_scripted_losses(losses: list[float], cuts: int, stalled
 def test_paper_recipe_is_the_printed_one():
     recipe = RECIPES["paper"]
     assert (recipe.learning_rate, recipe.weight_decay, recipe.validate_every) == (2e-4, 0.0, 5)
-    assert (recipe.scales_forces, recipe.loss_corner, recipe.augments) == (False, 0.0, False)
+    assert (recipe.scales_outputs, recipe.loss_corner, recipe.augments) == (False, 0.0, False)
 
 
 def test_adamw_without_decay_is_adam():

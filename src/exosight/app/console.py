@@ -122,7 +122,7 @@ def _drawn(table: Table, heads: Sequence[str], rows: Sequence[Sequence[str]]) ->
     for i, head in enumerate(heads):
         rich.add_column(Text(head), justify="left" if i == 0 else "right", vertical="bottom")
     for row in rows:
-        rich.add_row(*row)
+        rich.add_row(*map(Text, row))  # no markup: units stand in brackets
     return rich
 
 

@@ -29,7 +29,7 @@ COMMANDS = {
     "study": "all of it, from simulation to one report",
     "bench": "how many equilibria a second this machine solves",
     "export": "a dataset or a simulated path for MATLAB and other programs",
-    "lab": "a local page: sliders move exosuit, picture and forces",
+    "lab": "a local page: sliders move a system, its picture and its sensors",
     "doctor": "what is installed, what works, what is missing",
 }
 

@@ -103,7 +103,7 @@ def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], 
     if own or (_same_designs(card, manifest) and card.data.get("protocol") == "design"):
         split = own_split(card, data)
         name = f"{split.protocol} ({split.held_out})" if split.held_out else split.protocol
-        return split.test, f"test part by {name}" + ("" if own else " of another dataset of the same designs")
+        return split.test, f"test part by {name}"
     seed, doubt = str(manifest.seed), ""
     if card.schema.system == manifest.system and seed in (
         *_listed(card, "seed"),

@@ -184,8 +184,8 @@ def _overview(motion: _Motion, estimator: OnnxEstimator) -> Figure:
     estimated = estimator.estimate(image[None])[0].astype(float).tolist()
     rod_radii = radius(motion.exosuit.shape.surface, QUADRATURE.points)
     return figures.overview(
-        figures.Outline(seen.axes[ROD][:, ::2], rod_radii),
-        figures.Outline(seen.places[:, ::2], np.array(motion.exosuit.finger.sphere_radii())),
+        figures.Outline(np.asarray(seen.axes[ROD])[:, ::2], rod_radii),
+        figures.Outline(np.asarray(seen.places)[:, ::2], np.array(motion.exosuit.finger.sphere_radii())),
         contacts(schema),
         image,
         dict(zip(schema.outputs, zip(true, estimated, strict=True), strict=True)),

@@ -1,4 +1,4 @@
-"""What carries the actuation to the exosuit; a class of one's own with these two methods is one too."""
+"""What carries the command to the plant; a class of one's own with these two methods is one too."""
 
 import sys
 from contextlib import suppress

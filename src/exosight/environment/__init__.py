@@ -1,4 +1,4 @@
-"""The grip as a Gymnasium environment: press on a finger as hard as asked, one exosuit or many at a time.
+"""The grip as a Gymnasium environment: press as hard as asked, one system or many at a time.
 
     import gymnasium
     import exosight.environment

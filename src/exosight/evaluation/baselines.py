@@ -38,10 +38,10 @@ def evaluate_baselines(frames: Frames, split: Split, manifest: Manifest) -> dict
     known = _labels(frames)
     train, test = known.pick(split.train), known.pick(split.test)
     answers = {"mean of training": np.tile(train.labels.mean(axis=0), (len(split.test), 1))}
-    if len(schema.channels) > 1:
+    channel, *further = schema.channels
+    if further:
         answers["commands only"] = _nearest(train, test)
     else:
-        channel = schema.channels[0]
         answers[f"{channel.name} only"] = _along(_binned(train, abs(channel.peak) / BINS), test)
         of_shape = is_published(schema)
         sizes = {design.number: _sizes(design, of_shape) for design in manifest.designs}

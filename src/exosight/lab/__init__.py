@@ -1,16 +1,22 @@
-"""`exosight lab`: a local page on which the exosuit, its picture and its forces are seen while sliders move.
+"""`exosight lab`: a local page on which a system, its picture and its sensors are seen while sliders move.
 
 The page holds no physics. Every answer follows from one request alone (there are no sessions), so that any
 number of open pages are right at the same time, and what is seen can be made again from the command line.
 
-settings    what a page may ask for: one view, one run of the closed loop; bounds and starting values
-controls    how the page shows those settings: labels, units, steps
-pose_cache  equilibria of exosuits along the way that they are driven, remembered
-views       one view: pose, picture, true and estimated forces, what the guard makes of it
-saving      a view as files, and the command that makes it again
-closed_loop runs of the closed loop, step by step
-uploads     pictures that people drop on the page
-security    who may ask, and how much: host, token, origin, sizes, headers
-server      the addresses (needs the extra `lab`)
-page/       HTML, CSS and JavaScript, without anything from elsewhere
+settings            what a page may ask for: one view, one path, one run of the closed loop
+designs             what of a system file can be set: a slider for each entry that varies
+published_design    what of the published system can be set, with bounds
+published_controls  its sliders
+system              the system that is shown, its commands, and the network that looks at it
+controls            how the page shows all that: labels, units, steps
+pose_cache          equilibria of systems along the moves that they are driven by, remembered
+views               one view: pose, picture, true and estimated readings; the path of a channel
+pictures            what the view's camera does to a picture
+estimates           what a network reads off a picture, and what the guard makes of it
+saving              a view as files
+closed_loop         runs of the closed loop, step by step
+uploads             pictures that people drop on the page
+security            who may ask, and how much: host, token, origin, sizes, headers
+server              the addresses (needs the extra `lab`)
+page/               HTML, CSS and JavaScript, without anything from elsewhere
 """

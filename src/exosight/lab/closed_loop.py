@@ -1,14 +1,12 @@
 """Runs of the closed loop, told step by step while they are worked out."""
 
-import base64
+from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 from threading import Lock
 from typing import Any
 
-import jax
-import jax.numpy as jnp
+import equinox as eqx
 import numpy as np
 
 from exosight.control import (
@@ -26,26 +24,24 @@ from exosight.control import (
 from exosight.control.loop import RATE
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.tuning import tune
-from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
+from exosight.lab.designs import key_of
+from exosight.lab.estimates import reading_of
+from exosight.lab.pictures import photograph, png_text
 from exosight.lab.settings import Disturbance, LoopSettings
-from exosight.lab.views import (
-    CAMERA,
-    exosuit_of,
-    network,
-    photograph,
-    png_of,
-    reading_of,
-    scene_of,
-)
-from exosight.mechanics import stack
+from exosight.lab.system import LabSystem
+from exosight.lab.views import observe_one, scene_of
+from exosight.mechanics import Rod
+from exosight.system.system import System, stack_systems
 from exosight.vision.corruptions import corrupt
 from exosight.vision.ood_images import draw_ood_images
+from exosight.vision.pictures import resized
 
 HELD = 40
-"""Steps for which the target is held; then it is 0 N for RELEASED steps."""
+"""Steps for which the target is held; then it is 0 for RELEASED steps."""
 RELEASED = 20
 _WRONG = range(20, 30)  # steps in which pictures are disturbed
 _SOFTER = 0.8
+_TUNED = 32  # controllers that are remembered
 
 Step = dict[str, Any]
 
@@ -54,36 +50,55 @@ class Stopped(Exception):
     """Nobody listens any more."""
 
 
-def run_trial(settings: LoopSettings, tell: Callable[[Step], None]) -> None:
+def run_trial(settings: LoopSettings, lab: LabSystem, tell: Callable[[Step], None]) -> None:
     """Run the loop and tell of every step as soon as it is known.
 
     tell   called with each step as JSON values; whatever it raises ends the run
 
-    Raises InputError or ConvergenceError if the exosuit cannot be driven so.
+    Raises InputError or ConvergenceError if the system cannot be driven so.
     """
-    exosuit = exosuit_of(settings.view)
+    system = lab.cached(settings.view).system
+    channel = lab.schema.channels[lab.channel(settings.channel)]
+    settings = replace(settings, sensor=lab.sensor(settings.sensor).name, channel=channel.name)
     target = np.concatenate([hold(settings.target, HELD), hold(0.0, RELEASED)])
-    guarded = Guarded(Scheduled(_tuned(exosuit))) if settings.law == "scheduled" else None
-    real = replace(exosuit, young=_SOFTER * exosuit.young) if settings.disturbance == "softer" else exosuit
-    plant = SimulatedPlant(real, CAMERA)
-    eye = _Eye(settings, real, target, tell, guarded)
+    guarded = None
+    if settings.law == "scheduled":
+        guarded = Guarded(Scheduled(_tuned(lab, settings, system)))
+    real = softer(system) if settings.disturbance == "softer" else system
+    eye = _Eye(settings, lab, real, target, tell, guarded)
+    plant = SimulatedPlant(real)
     if guarded is not None:
         run_guarded(plant, guarded, eye.look, target)
     else:
-        run(plant, Proportional(settings.gain), eye.measure, target)
+        law = Proportional(settings.gain, channel)
+        run(plant, law, eye.measure, target, settings.sensor, settings.channel)
+
+
+def softer(system: System) -> System:
+    """The system with rods of 80 % of their modulus; links and joints stay."""
+    bodies = tuple(
+        eqx.tree_at(lambda rod: rod.young, body, _SOFTER * np.asarray(body.young))
+        if isinstance(body, Rod)
+        else body
+        for body in system.bodies
+    )
+    return eqx.tree_at(lambda whole: whole.bodies, system, bodies)
 
 
 _tuning = Lock()
+_known: OrderedDict[tuple[str, ...], ControllerConfig] = OrderedDict()
 
 
-@lru_cache(maxsize=32)
-def _known(exosuit: Exosuit) -> ControllerConfig:
-    return tune(exosuit)
-
-
-def _tuned(exosuit: Exosuit) -> ControllerConfig:
-    with _tuning:  # two runs of one exosuit: the second finds what the first has solved
-        return _known(exosuit)
+def _tuned(lab: LabSystem, settings: LoopSettings, system: System) -> ControllerConfig:
+    design = key_of(lab.controls.complete(settings.view.design))
+    key = (lab.name, design, str(settings.sensor), str(settings.channel))
+    with _tuning:  # two runs of one system: the second finds what the first has solved
+        if key not in _known:
+            _known[key] = tune(system, settings.sensor, settings.channel)
+            while len(_known) > _TUNED:
+                _known.popitem(last=False)
+        _known.move_to_end(key)
+        return _known[key]
 
 
 class _Eye:
@@ -92,49 +107,43 @@ class _Eye:
     def __init__(
         self,
         settings: LoopSettings,
-        exosuit: Exosuit,
+        lab: LabSystem,
+        system: System,
         target: np.ndarray,
         tell: Callable[[Step], None],
         guarded: Guarded | None,
     ) -> None:
-        self._settings, self._exosuit, self._target, self._tell, self._guarded = (
-            settings,
-            exosuit,
-            target,
-            tell,
-            guarded,
-        )
-        self._robot = stack([assemble(exosuit)])
+        self._settings, self._lab, self._system = settings, lab, system
+        self._target, self._tell, self._guarded = target, tell, guarded
+        self._stacked = stack_systems([system])
+        self._weights = lab.schema.weights(str(settings.sensor))
+        self._channel = lab.channel(settings.channel)
         self._step = 0
         self._last = Measurement()
 
     def measure(self, observation: Observation) -> float:
-        """F_net for a law without a guard; NaN where there is none."""
-        return self.look(observation).net_force
+        """The controlled sensor for a law without a guard; NaN where there is no estimate."""
+        return self.look(observation).sum(self._weights)
 
     def look(self, observation: Observation) -> Measurement:
         """What is known of the plant in this step."""
-        seen = replace(
-            observation, image=photograph(self._settings.view, observation.image[None], self._step)[0]
-        )
-        measurement = self._disturbed(seen)
+        image = photograph(self._settings.view.look, observation.image[None], self._step)[0]
+        measurement = self._disturbed(replace(observation, image=image))
         self._last = measurement
-        pose: Pose = jax.tree.map(
-            lambda leaf: np.asarray(leaf)[0, 0], observe(self._robot, jnp.asarray(observation.q)[None, None])
-        )
+        reading = measurement.reading
         self._tell(
             {
                 "time": self._step / RATE,
                 "target": float(self._target[self._step]),
-                "u": round(observation.u, 4),
-                "F_net": round(observation.net_force, 5),
-                "true": [round(float(force), 5) for force in observation.forces],
-                "reading": None if measurement.reading is None else reading_of(measurement.reading),
-                "image": None
-                if measurement.image is None
-                else base64.b64encode(png_of(measurement.image)).decode(),
+                "command": round(float(observation.commands[self._channel]), 4),
+                "readings": {
+                    sensor.name: round(float(value), 5)
+                    for sensor, value in zip(self._lab.schema.sensors, observation.readings, strict=True)
+                },
+                "reading": None if reading is None else reading_of(reading, self._lab.schema),
+                "image": None if measurement.image is None else png_text(measurement.image),
                 "guard": self._guard(),
-                "scene": scene_of(self._exosuit, pose),
+                "scene": scene_of(self._system, observe_one(self._stacked, observation.q)),
                 "converged": observation.converged,
             }
         )
@@ -142,28 +151,33 @@ class _Eye:
         return measurement
 
     def _guard(self) -> dict[str, str] | None:
-        """The guard's state while the u of this step was chosen, and why it last changed."""
+        """The guard's state while the command of this step was chosen, and why it last changed."""
         if self._guarded is None:
             return None
         log = self._guarded.log
         return {"state": self._guarded.state.value, "cause": log[-1].cause if log else "start"}
 
     def _measurement(self, observation: Observation) -> Measurement:
-        if self._settings.sensor == "true":
+        if self._settings.measured == "true":
             return true_measurement(observation)
-        return Measurement(observation.image, network().read(observation.image[None]), u=observation.u)
+        reading = self._lab.network.read(observation.image[None])
+        return Measurement(observation.image, reading, commands=observation.commands)
 
     def _disturbed(self, observation: Observation) -> Measurement:
         wrong: Disturbance = self._settings.disturbance if self._step in _WRONG else "none"
+        commands = observation.commands
         if wrong == "lost":
-            return Measurement(u=observation.u)
+            return Measurement(commands=commands)
         if wrong == "frozen":
-            return replace(self._last, u=observation.u)
+            return replace(self._last, commands=commands)
         if wrong == "noise":
             image = corrupt(observation.image[None], "noise-high", seed=1, first=self._step)[0]
             return self._measurement(replace(observation, image=image))
         if wrong == "elsewhere":
-            return self._measurement(
-                replace(observation, image=draw_ood_images("room", 1, seed=self._step)[0])
-            )
+            return self._measurement(replace(observation, image=self._elsewhere()))
         return self._measurement(observation)
+
+    def _elsewhere(self) -> np.ndarray:
+        """A picture of something else, in the camera's size."""
+        camera = self._lab.schema.cameras[0]
+        return resized(draw_ood_images("room", 1, seed=self._step)[0], camera.width, camera.height)

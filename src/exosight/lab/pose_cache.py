@@ -1,180 +1,258 @@
-"""Worn exosuits at rest along the way that they are driven, solved once and remembered.
+"""Equilibria of systems along the moves that they are driven by, solved once and remembered.
 
-A pose follows from the way to it (hysteresis), so it is known by the exosuit and the actuations driven to
-from rest: (4, 2.4) is up to 4 N and down to 2.4 N. The way between two of them is a branch over every
-multiple of 0.1 N, the step of the datasets, solved in pieces that always begin at the same places; what lies
-between is solved from the multiple before it. So a pose does not depend on what else was asked for, and while
-u moves on a branch that is known, next to nothing is solved.
+A pose follows from the moves that lead to it (hysteresis), so it is known by the system and its drive: one
+channel after another moved to a command, from rest. (0, 80), (0, 48) is channel 0 up to 80 steps and back to
+48. What a move passes over is a branch: every second step of its channel, solved in pieces that always begin
+at the same places; what lies between is solved from the step before it. So a pose does not depend on what
+else was asked for, and while a command moves on a branch that is known, next to nothing is solved.
 """
 
+import math
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
 
 import numpy as np
 from jaxtyping import Float
 
-from exosight.exosuit.assembly import Exosuit, assemble
-from exosight.lab.settings import LARGEST, STEP
-from exosight.mechanics import Robot, SolverOptions, State, drive, stack
+from exosight.mechanics import SolverOptions, State, drive
+from exosight.system.schema import Channel
+from exosight.system.system import System, stack_systems
 
-TOP = round(LARGEST / STEP)
-"""Largest actuation, in steps."""
 STRIDE = 2
-"""From one load of a branch to the next, in steps."""
+"""From one command of a branch to the next, in steps of its channel."""
 
-_PIECE = 7  # loads a solver call: 1 ms a call, 2 ms a load that nobody asked for; 21 make a branch
-_BRANCHES = 64  # branches that one exosuit remembers
-_EXOSUITS = 32  # exosuits that are remembered
+_STEPS = 80  # at least so many from 0 to the peak of a channel: 0.05 N up to 4 N
+_PIECE = 7  # commands a solver call: 1 ms a call, 2 ms a command that nobody asked for; 21 make a branch
+_BRANCHES = 64  # branches that one system remembers
+_SYSTEMS = 32  # systems that are remembered
 _SAME = 1e-5  # rad, or strain: poses nearer to each other than this are one; solutions agree to 1e-6
 _ENOUGH = SolverOptions(tolerance=1e-7)  # forces to 1e-7 N, a quarter sooner than with the default 1e-10
 
-Steps = tuple[int, ...]
+Move = tuple[int, int]
+"""A channel, and the command that it is moved to [steps]."""
+Drive = tuple[Move, ...]
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The commands of a channel that the lab drives to: multiples of a step.
+
+    channel      of the schema
+    step         1, 2 or 5 times a power of ten [its unit]
+    bottom, top  smallest and largest command [steps]
+    """
+
+    channel: Channel
+    step: float
+    bottom: int
+    top: int
+
+    @property
+    def peak(self) -> int:
+        """The end that is further from 0 [steps]."""
+        return max(self.top, self.bottom, key=abs)
+
+    def command(self, steps: int) -> float:
+        """A command in the channel's unit."""
+        return round(steps * self.step, 10)
+
+
+def grid_of(channel: Channel) -> Grid:
+    """From 0 to what datasets drive to if the channel says so, otherwise its whole range."""
+    step = round125(abs(channel.peak) / _STEPS)
+    low, high = (channel.low, channel.high) if channel.drive is None else (0.0, channel.drive)
+    return Grid(
+        channel, step, math.ceil(min(low, high) / step - 1e-9), math.floor(max(low, high) / step + 1e-9)
+    )
+
+
+def round125(value: float) -> float:
+    """The least of 1, 2, 5 × 10ⁿ that is not below a value above 0."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(k * power for k in (1, 2, 5, 10) if k * power >= value * (1 - 1e-9))
 
 
 @dataclass(frozen=True)
 class Rest:
     """One equilibrium.
 
-    drive      a shortest known way to it [steps]
+    drive      a shortest known one to it
     q          (dofs,)  coordinates
-    converged  whether it is a stable equilibrium; if not, it is the best point found
+    converged  whether it is a stable equilibrium; if not, it is the last one before
     """
 
-    drive: Steps
+    drive: Drive
     q: Float[np.ndarray, " dofs"]
     converged: bool
 
 
+Point = tuple[Float[np.ndarray, " dofs"], bool]
+"""Coordinates, and whether they are a stable equilibrium."""
+
+
 @dataclass
 class _Branch:
-    """The way from one turn to the end of the range.
+    """What one move passes over, to the end of its channel's range.
 
-    rises    whether to the upper end
-    turn     where it starts [steps]
-    start    coordinates there
-    loads    every multiple of STRIDE after it, in the order of the way [steps]
-    solved   coordinates at the loads so far, and whether they are at rest
-    between  the same at steps between two loads
+    commands  (channels,)  before the move [steps]
+    channel   that moves
+    rises     whether to the upper end
+    start     coordinates before the move
+    places    every multiple of STRIDE after it, in the order of the move [steps]
+    solved    the equilibria at the places so far
+    between   the same at steps between two places
     """
 
+    commands: np.ndarray
+    channel: int
     rises: bool
-    turn: int
     start: np.ndarray
-    loads: list[int]
-    solved: list[tuple[np.ndarray, bool]] = field(default_factory=list)
-    between: dict[int, tuple[np.ndarray, bool]] = field(default_factory=dict)
-
-    def last(self, solved: int) -> tuple[int, np.ndarray]:
-        """Where it is once so many of its loads are solved: the load [steps], and coordinates."""
-        return (self.loads[solved - 1], self.solved[solved - 1][0]) if solved else (self.turn, self.start)
+    places: list[int]
+    solved: list[Point] = field(default_factory=list)
+    between: dict[int, Point] = field(default_factory=dict)
 
     def until(self, goal: int) -> int:
-        """How many of its loads come before a step on it, or are the step."""
-        return sum(load <= goal if self.rises else load >= goal for load in self.loads)
+        """How many of its places come before a step on it, or are the step."""
+        return sum(place <= goal if self.rises else place >= goal for place in self.places)
 
 
-class CachedExosuit:
-    """One worn exosuit and the branches that are known of it; may be asked from several threads."""
+class CachedSystem:
+    """One system and the branches that are known of it; may be asked from several threads."""
 
-    def __init__(self, exosuit: Exosuit) -> None:
-        self.exosuit = exosuit
-        self.robot: Robot = assemble(exosuit)
-        self.stacked: Robot = stack([self.robot])
-        self._branches: OrderedDict[tuple[Steps, int], _Branch] = OrderedDict()
+    def __init__(self, system: System, grids: Sequence[Grid]) -> None:
+        self.system, self.grids = system, tuple(grids)
+        self.robot = system.robot
+        self.stacked: System = stack_systems([system])
+        self._unit = np.array([grid.step for grid in grids])
+        self._rest: Point | None = None
+        self._branches: OrderedDict[tuple[Drive, int, bool], _Branch] = OrderedDict()
         self._lock = Lock()
 
-    def at(self, drive: Sequence[int]) -> Rest:
-        """The equilibrium that a drive from rest ends in.
-
-        drive   actuations in steps of STEP, each within 0…TOP
-        """
+    def at(self, drive: Sequence[Move]) -> Rest:
+        """The equilibrium that a drive from rest ends in; every command within the grid of its channel."""
         with self._lock:
             short = turning_points(drive)
             q, converged = self._solve(short)
-            for same in ((short[-1],), (TOP, short[-1])):
+            for same in self._shorter(short):
                 known = self._known(same) if len(same) < len(short) else None
                 if known is not None and np.abs(known - q).max() < _SAME:
                     return Rest(same, q, converged)
             return Rest(short, q, converged)
 
-    def _solve(self, drive: Steps) -> tuple[np.ndarray, bool]:
-        branch, goal = self._branch(drive), drive[-1]
+    def _shorter(self, drive: Drive) -> list[Drive]:
+        """Drives to the same commands that may end in the same pose: straight, and by way of the peak."""
+        if not drive:
+            return []
+        last = dict(drive)
+        straight = turning_points(sorted(last.items()))
+        channel, goal = drive[-1]
+        others = sorted((each, at) for each, at in last.items() if each != channel)
+        return [straight, turning_points([*others, (channel, self.grids[channel].peak), (channel, goal)])]
+
+    def _solve(self, drive: Drive) -> Point:
+        if not drive:
+            if self._rest is None:
+                none = np.zeros((1, len(self.grids)))
+                self._rest = self._driven(none[0], np.zeros(self.robot.dofs), none)[0]
+            return self._rest
+        branch, (_, goal) = self._branch(drive), drive[-1]
         needed = branch.until(goal)
         while len(branch.solved) < needed:
-            piece = branch.loads[len(branch.solved) : len(branch.solved) + _PIECE]
-            branch.solved += self._follow(*branch.last(len(branch.solved)), piece)
+            piece = branch.places[len(branch.solved) : len(branch.solved) + _PIECE]
+            branch.solved += self._along(branch, len(branch.solved), piece)
         if goal % STRIDE == 0:
             return branch.solved[needed - 1]
         if goal not in branch.between:
-            branch.between[goal] = self._follow(*branch.last(needed), [goal])[0]
+            branch.between[goal] = self._along(branch, needed, [goal])[0]
         return branch.between[goal]
 
-    def _follow(self, at: int, start: np.ndarray, loads: Sequence[int]) -> list[tuple[np.ndarray, bool]]:
-        u = STEP * np.array(loads, float)[:, None]
-        state = State(start[None], np.array([[STEP * at]], float))
-        found = drive([self.robot], u, state=state, options=_ENOUGH)
+    def _along(self, branch: _Branch, after: int, places: Sequence[int]) -> list[Point]:
+        """The equilibria at places of a branch, driven to from the one after so many that are solved."""
+        commands = np.tile(branch.commands, (1 + len(places), 1))
+        if after:
+            commands[0, branch.channel] = branch.places[after - 1]
+        commands[1:, branch.channel] = places
+        return self._driven(commands[0], branch.solved[after - 1][0] if after else branch.start, commands[1:])
+
+    def _driven(
+        self,
+        start: Float[np.ndarray, " channels"],
+        q: Float[np.ndarray, " dofs"],
+        commands: Float[np.ndarray, "loads channels"],
+    ) -> list[Point]:
+        """The equilibria at commands [steps], in order, from that at `start` with coordinates q."""
+        before, loads = (self.system.loads(each * self._unit) for each in (start, commands))
+        found = drive([self.robot], loads, state=State(q[None], before[None]), options=_ENOUGH)
         return list(zip(np.asarray(found.q[0]), found.converged[0].tolist(), strict=True))
 
-    def _branch(self, drive: Steps) -> _Branch:
+    def _branch(self, drive: Drive) -> _Branch:
         """The branch that a drive ends on."""
-        key = before, rises = _key(drive)
+        before, channel, rises = key = _key(drive)
         branch = self._branches.get(key)
         if branch is None:
-            start = self._solve(before)[0] if before else np.zeros(self.robot.dofs)
-            first = before[-1] if before else -1
-            way = range(first + 1, TOP + 1) if rises else range(first - 1, -1, -1)
-            branch = self._branches[key] = _Branch(
-                rises, max(first, 0), start, [k for k in way if k % STRIDE == 0]
-            )
+            start, grid = self._solve(before)[0], self.grids[channel]
+            commands = np.zeros(len(self.grids))
+            for each, place in before:
+                commands[each] = place
+            first = round(commands[channel])
+            way = range(first + 1, grid.top + 1) if rises else range(first - 1, grid.bottom - 1, -1)
+            places = [place for place in way if place % STRIDE == 0]
+            branch = self._branches[key] = _Branch(commands, channel, rises, start, places)
             while len(self._branches) > _BRANCHES:
                 self._branches.popitem(last=False)
         self._branches.move_to_end(key)
         return branch
 
-    def _known(self, drive: Steps) -> np.ndarray | None:
+    def _known(self, drive: Drive) -> np.ndarray | None:
         """The coordinates at the end of a drive, if there is little to solve for them."""
+        if not drive:
+            return None if self._rest is None else self._rest[0]
         branch = self._branches.get(_key(drive))
-        return (
-            None if branch is None or len(branch.solved) < branch.until(drive[-1]) else self._solve(drive)[0]
-        )
+        if branch is None or len(branch.solved) < branch.until(drive[-1][1]):
+            return None
+        return self._solve(drive)[0]
 
 
-def _key(drive: Steps) -> tuple[Steps, bool]:
-    """What names the branch that a drive ends on: the way to where it begins, and whether it rises."""
-    return drive[:-1], len(drive) == 1 or drive[-1] > drive[-2]
+def _key(drive: Drive) -> tuple[Drive, int, bool]:
+    """What names the branch that a drive ends on: the moves before it, its channel, and whether it rises."""
+    *before, (channel, goal) = drive
+    return tuple(before), channel, goal > dict(before).get(channel, 0)
 
 
-def turning_points(drive: Sequence[int]) -> Steps:
-    """The same way with nothing but its turns: 0 → 1 → 2 is 0 → 2; at least one actuation, the last."""
-    kept: list[int] = []
-    for each in drive:
-        if kept and each == kept[-1]:
+def turning_points(drive: Sequence[Move]) -> Drive:
+    """The same drive with its turns alone: a channel moved on in the same direction is one move."""
+    at: dict[int, int] = {}
+    kept: list[Move] = []
+    came_from = 0  # command of the last move's channel before that move
+    for channel, goal in drive:
+        now = at.get(channel, 0)
+        if goal == now:
             continue
-        before = kept[-2] if len(kept) > 1 else 0
-        if kept and (each - kept[-1]) * (kept[-1] - before) > 0:
-            kept[-1] = each
+        if kept and kept[-1][0] == channel and (goal - now) * (now - came_from) > 0:
+            kept[-1] = (channel, goal)
         else:
-            kept.append(each)
-    # At rest from the start: there is nothing to come back from.
-    return tuple(kept[1:] if len(kept) > 1 and kept[0] == 0 else kept)
+            kept.append((channel, goal))
+            came_from = now
+        at[channel] = goal
+    return tuple(kept)
 
 
 class PoseCache:
-    """The exosuits asked for last."""
+    """The systems asked for last, by what tells them from each other."""
 
     def __init__(self) -> None:
-        self._exosuits: OrderedDict[Exosuit, CachedExosuit] = OrderedDict()
+        self._systems: OrderedDict[str, CachedSystem] = OrderedDict()
         self._lock = Lock()
 
-    def get(self, exosuit: Exosuit) -> CachedExosuit:
-        """The exosuit with all that is known of it."""
+    def get(self, key: str, make: Callable[[], CachedSystem]) -> CachedSystem:
+        """The system of a key, with all that is known of it."""
         with self._lock:
-            cached = self._exosuits.get(exosuit)
+            cached = self._systems.get(key)
             if cached is None:
-                cached = self._exosuits[exosuit] = CachedExosuit(exosuit)
-                while len(self._exosuits) > _EXOSUITS:
-                    self._exosuits.popitem(last=False)
-            self._exosuits.move_to_end(exosuit)
+                cached = self._systems[key] = make()
+                while len(self._systems) > _SYSTEMS:
+                    self._systems.popitem(last=False)
+            self._systems.move_to_end(key)
             return cached

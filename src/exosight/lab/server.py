@@ -16,7 +16,6 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, ParamSpec, TypeVar
 
-import pydantic
 import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
@@ -28,12 +27,13 @@ from starlette.routing import Route
 from exosight.errors import ExosightError, InputError
 from exosight.lab.closed_loop import Step, Stopped, run_trial
 from exosight.lab.controls import about
-from exosight.lab.pose_cache import STEP, PoseCache
-from exosight.lab.saving import command_of, forces_csv, path_csv
+from exosight.lab.pictures import png_of
+from exosight.lab.saving import path_csv, readings_csv
 from exosight.lab.security import LOOPBACK, SecurityMiddleware, read_body
-from exosight.lab.settings import LoopSettings, Settings, View, read_settings
+from exosight.lab.settings import LoopSettings, PathSettings, Settings, View, read_settings
+from exosight.lab.system import LabSystem
 from exosight.lab.uploads import LARGEST_UPLOAD, estimate
-from exosight.lab.views import PATH_DRIVES, answer, exosuit_of, path_of, png_of, see
+from exosight.lab.views import answer, path_answer, path_of, see
 
 _LARGEST_SETTINGS = 64 * 2**10  # bytes
 _CONNECTIONS = 512  # at a time; a browser opens up to six a page
@@ -44,22 +44,18 @@ R = TypeVar("R")
 
 
 @dataclass
-class _Lab:
+class _Work:
     """What the addresses share.
 
-    start      the view that pages open with
-    poses   exosuits asked for last
-    slots      views worked out at a time
-    runs       closed loops at a time
+    slots   views worked out at a time
+    runs    closed loops at a time
     """
 
-    start: View
-    poses: PoseCache = field(default_factory=PoseCache)
     slots: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(2))
     runs: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
     ready: "asyncio.Task[None] | None" = None
 
-    async def work(self, request: Request, job: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
+    async def do(self, request: Request, job: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
         """Do a job in a thread once all is compiled, unless whoever asked has gone meanwhile."""
         assert self.ready is not None
         await asyncio.shield(self.ready)
@@ -68,24 +64,20 @@ class _Lab:
                 raise ClientDisconnect
             return await asyncio.to_thread(job, *args, **kwargs)
 
-    def warm_up(self) -> None:
-        """Compile all that a view needs."""
-        see(self.start, self.poses)
-        path_of(self.poses.get(exosuit_of(self.start)))
 
-
-def application(start: View, hosts: frozenset[str] | None, token: str | None) -> Starlette:
+def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token: str | None) -> Starlette:
     """The lab as an ASGI application.
 
+    lab     the system that it shows
     start   the view that pages open with
     hosts   names under which it may be asked; None: any
     token   that requests must show; None: none
     """
-    lab = _Lab(start)
+    work = _Work()
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        lab.ready = asyncio.create_task(asyncio.to_thread(lab.warm_up))
+        work.ready = asyncio.create_task(asyncio.to_thread(_warm_up, lab, start))
         yield
 
     async def page(request: Request) -> Response:
@@ -95,41 +87,42 @@ def application(start: View, hosts: frozenset[str] | None, token: str | None) ->
         return Response(_assets()[name], media_type=_KINDS[name.rpartition(".")[2]])
 
     async def describe(_: Request) -> Response:
-        return _json({**about(), "start": pydantic.TypeAdapter(View).dump_python(start, mode="json")})
+        return _json(about(lab, start))
 
     async def view(request: Request) -> Response:
-        settings = await _settings(request, View)
-        return _json(await lab.work(request, _answer, settings, lab.poses))
+        settings = await _settings(request, View, lab)
+        return _json(await work.do(request, _answer, settings, lab))
 
     async def path(request: Request) -> Response:
-        return _json(await _path(request, await _settings(request, View)))
+        return _json(await _path(request, await _settings(request, PathSettings, lab)))
 
-    async def _path(request: Request, settings: View) -> dict[str, Any]:
-        cached = lab.poses.get(exosuit_of(settings))
-        for drive in PATH_DRIVES:  # in parts: other requests come in between
-            await lab.work(request, cached.at, drive)
-        return await lab.work(request, path_of, cached)
+    async def _path(request: Request, settings: PathSettings) -> dict[str, Any]:
+        cached, asked = lab.cached(settings.view), path_of(settings, lab)
+        for drive in asked.parts():  # other requests come in between
+            await work.do(request, cached.at, drive)
+        return await work.do(request, path_answer, settings, asked, cached, lab)
 
     async def save(request: Request) -> Response:
-        settings, name = await _settings(request, View), request.path_params["name"]
+        name = request.path_params["name"]
         if name == "path.csv":
-            return _file(path_csv(await _path(request, settings)).encode(), name)
-        seen = await lab.work(request, see, settings, lab.poses)
-        if name == "forces.csv":
-            return _file(forces_csv(seen).encode(), name)
+            found = await _path(request, await _settings(request, PathSettings, lab))
+            return _file(path_csv(found, lab).encode(), name)
+        seen = await work.do(request, see, await _settings(request, View, lab), lab)
+        if name == "readings.csv":
+            return _file(readings_csv(seen, lab).encode(), name)
         if name == "picture.png":
             return _file(png_of(seen.image), name)
-        raise HTTPException(404, "save: expected picture.png, forces.csv or path.csv")
+        raise HTTPException(404, "save: expected picture.png, readings.csv or path.csv")
 
     async def picture(request: Request) -> Response:
         data = await read_body(request, LARGEST_UPLOAD)
-        return _json(await lab.work(request, estimate, data))
+        return _json(await work.do(request, estimate, data, lab.network))
 
     async def trial(request: Request) -> Response:
-        settings = await _settings(request, LoopSettings)
-        assert lab.ready is not None
-        await asyncio.shield(lab.ready)
-        return StreamingResponse(_lines(settings, lab.runs), media_type="application/x-ndjson")
+        settings = await _settings(request, LoopSettings, lab)
+        assert work.ready is not None
+        await asyncio.shield(work.ready)
+        return StreamingResponse(_lines(settings, lab, work.runs), media_type="application/x-ndjson")
 
     return Starlette(
         routes=[
@@ -153,18 +146,24 @@ def application(start: View, hosts: frozenset[str] | None, token: str | None) ->
     )
 
 
-async def _settings(request: Request, kind: type[Settings]) -> Settings:
-    return read_settings(kind, await read_body(request, _LARGEST_SETTINGS, "application/json"))
+def _warm_up(lab: LabSystem, start: View) -> None:
+    """Compile all that a view needs."""
+    see(start, lab)
+    settings = PathSettings(start)
+    path_answer(settings, path_of(settings, lab), lab.cached(start), lab)
 
 
-def _answer(settings: View, poses: PoseCache) -> dict[str, Any]:
-    seen = see(settings, poses)
-    shortest = pydantic.TypeAdapter(View).dump_python(settings)
-    shortest["drive"] = tuple(STEP * k for k in seen.rest.drive)
-    return {**answer(settings, exosuit_of(settings), seen), "command": command_of(View(**shortest))}
+async def _settings(request: Request, kind: type[Settings], lab: LabSystem) -> Settings:
+    settings = read_settings(kind, await read_body(request, _LARGEST_SETTINGS, "application/json"))
+    lab.check(settings)
+    return settings
 
 
-async def _lines(settings: LoopSettings, runs: asyncio.Semaphore) -> AsyncIterator[bytes]:
+def _answer(settings: View, lab: LabSystem) -> dict[str, Any]:
+    return answer(settings, see(settings, lab), lab)
+
+
+async def _lines(settings: LoopSettings, lab: LabSystem, runs: asyncio.Semaphore) -> AsyncIterator[bytes]:
     """The steps of a run, a line of JSON each; a line with `error` ends it early."""
     steps: asyncio.Queue[Step | None] = asyncio.Queue()
     loop, gone = asyncio.get_running_loop(), threading.Event()
@@ -177,7 +176,7 @@ async def _lines(settings: LoopSettings, runs: asyncio.Semaphore) -> AsyncIterat
     def job() -> None:
         try:
             try:
-                run_trial(settings, tell)
+                run_trial(settings, lab, tell)
             except ExosightError as error:
                 tell({"error": str(error)})
             except Stopped:

@@ -1,262 +1,210 @@
-"""One view: the pose, its picture, the true and the estimated forces, and what the guard makes of it."""
+"""One view: the pose, its picture, true and estimated readings; and the path of one channel."""
 
-import base64
-import dataclasses
 from collections.abc import Sequence
-from functools import cache
+from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from exosight.control import Guarded, Measurement, OnnxEstimator, Scheduled
-from exosight.control.estimator import DEFAULT_MODEL, Reading
-from exosight.control.paths import ControllerConfig, ForcePath
-from exosight.control.tuning import ACTUATION_RATE, CONTACT_LIMIT
-from exosight.dataset.frames import CAUSES
-from exosight.dataset.simulation import first_cause
-from exosight.exosuit.assembly import QUADRATURE, Exosuit, Pose, observe, varied
-from exosight.exosuit.finger import SPHERES
-from exosight.exosuit.shapes import radius
-from exosight.exosuit.variation import Variant
-from exosight.lab.pose_cache import STRIDE, TOP, CachedExosuit, PoseCache, Rest
-from exosight.lab.settings import LARGEST, STEP, View, shape_of
-from exosight.system.camera import Camera
-from exosight.vision.appearance import (
-    BACKGROUND_KINDS,
-    OCCLUSION_KINDS,
-    Appearance,
-    AppearanceVariation,
-    draw_appearance,
-)
-from exosight.vision.augment import augment
-from exosight.vision.corruptions import CORRUPTIONS, corrupt
+from exosight.control.estimator import Reading
+from exosight.dataset.simulation import causes, first_cause
+from exosight.lab.estimates import judge, reading_of
+from exosight.lab.pictures import photograph, png_text
+from exosight.lab.pose_cache import STRIDE, CachedSystem, Move, Rest, round125
+from exosight.lab.settings import PathSettings, View
+from exosight.lab.system import LabSystem
+from exosight.system.observation import Observation, observe
+from exosight.system.sensors import ContactForce
+from exosight.system.surfaces import SphereSurface
+from exosight.system.system import System
 from exosight.vision.scene import picture
 
-CAMERA = Camera()
-"""What the network that comes with the package learned from."""
-
-_WORDS = {
-    "not_converged": "no stable pose was found at this actuation; what is seen is the best point",
-    "crosses_itself": "the exosuit crosses itself, which the rod does not feel; datasets drop such frames",
-    "tip_below_finger": "the exosuit's tip lies below the fingertip; datasets drop such frames",
-}
-
-_NEUTRAL = draw_appearance(AppearanceVariation(), 0, np.arange(1))
-_SPOILT: dict[str, dict[str, float]] = {
-    "blur": {"blur": 2.0},
-    "occlusion": {
-        "occlusion": 1.0 + OCCLUSION_KINDS.index("ellipse"),
-        "occluded": 0.06,
-        "occlusion_at": 0.5,
-        "occlusion_shade": 0.4,
-    },
-    "background": {
-        "background": 1.0 + BACKGROUND_KINDS.index("smooth"),
-        "background_level": 0.6,
-        "background_contrast": 0.3,
-        "background_size": 0.3,
-    },
-}
+_PART = 16  # steps of a path that are solved in one go
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclass(frozen=True)
 class Seen:
     """All that one view shows.
 
-    rest        the equilibrium, and a shortest way to it
-    pose        of it, without batch dimensions
-    image       (height, width)   gray 0…255
-    reading     what the network reads off the image, one row
-    state       what the guard's state would be after seeing the image twice, and why
+    rest         the equilibrium, and a shortest drive to it
+    observation  of it, without batch dimensions
+    image        (height, width)   gray 0…255
+    reading      what the network reads off the image, one row; None where it cannot read this system
+    notes        why datasets would drop the frame, if they would
     """
 
     rest: Rest
-    pose: Pose
+    observation: Observation
     image: UInt8[np.ndarray, "height width"]
-    reading: Reading
-    state: tuple[str, str]
+    reading: Reading | None
+    notes: tuple[str, ...]
 
 
-def exosuit_of(view: View) -> Exosuit:
-    """The worn exosuit of a view."""
-    longer, stiffer = view.finger_length, view.joint_stiffness
-    return varied(
-        Exosuit(shape_of(view), young=view.young, gap=view.gap),
-        Variant(
-            link_length=(longer, longer, longer, longer),
-            finger_radius=view.finger_radius,
-            joint_stiffness=(stiffer, stiffer, stiffer),
-        ),
-    )
-
-
-def see(view: View, poses: PoseCache) -> Seen:
+def see(view: View, lab: LabSystem) -> Seen:
     """Everything that one view shows."""
-    cached = poses.get(exosuit_of(view))
-    rest = cached.at(drive_of(view))
-    pose = jax.tree.map(
-        lambda leaf: np.asarray(leaf)[0], observe(cached.stacked, jnp.asarray(rest.q)[None, None])
-    )
-    clean = picture(cached.exosuit, pose, CAMERA)
-    image = photograph(view, clean)
-    reading = network().read(image)
-    one: Pose = jax.tree.map(lambda leaf: leaf[0], pose)
-    return Seen(rest, one, image[0], reading, judge(image[0], reading))
+    cached = lab.cached(view)
+    rest = cached.at(lab.moves(view))
+    observation = observe_one(cached.stacked, rest.q)
+    axes = {name: axis[None] for name, axis in observation.axes.items()}
+    image = photograph(view.look, picture(cached.system, axes))
+    reading = lab.network.read(image) if lab.refusal is None else None
+    return Seen(rest, observation, image[0], reading, _notes(lab, cached.system, rest, observation))
 
 
-def drive_of(view: View) -> tuple[int, ...]:
-    """The actuations of a view, in steps."""
-    return tuple(round(u / STEP) for u in view.drive)
+def observe_one(stacked: System, q: Float[np.ndarray, " dofs"]) -> Observation:
+    """One stacked system at one state, without batch dimensions."""
+    observation = observe(stacked, jnp.asarray(q)[None, None])
+    return jax.tree.map(lambda leaf: np.asarray(leaf)[0, 0], observation)
 
 
-@cache
-def network() -> OnnxEstimator:
-    """The network that comes with the package."""
-    return OnnxEstimator.load(DEFAULT_MODEL)
+_NOTES = {
+    "not_converged": "no stable pose was found at this command; what is seen is the last one before",
+    "crosses_itself": "a rod crosses itself, which it does not feel; datasets drop such frames",
+}
 
 
-def photograph(
-    view: View, clean: UInt8[np.ndarray, "1 height width"], frame: int = 0
-) -> UInt8[np.ndarray, "1 height width"]:
-    """A clean picture as the view's camera takes it, corruption included.
-
-    frame   of a sequence: decides the noise
-    """
-    changed = {
-        "shift_x": view.shift_x,
-        "shift_y": view.shift_y,
-        "roll": view.roll,
-        "zoom": view.zoom,
-        "tilt_y": view.tilt,
-        **_SPOILT.get(view.corruption, {}),
-    }
-    image = augment(clean, _appearance(changed))
-    return corrupt(image, view.corruption, seed=0, first=frame) if view.corruption in CORRUPTIONS else image
+def _notes(lab: LabSystem, system: System, rest: Rest, observation: Observation) -> tuple[str, ...]:
+    """The first cause for which datasets drop this frame, in words."""
+    one: Observation = jax.tree.map(lambda leaf: leaf[None, None], observation)
+    names = causes(lab.designs)
+    cause = int(first_cause(lab.designs, system, np.array([[rest.converged]]), one)[0, 0])
+    if cause == len(names):
+        return ()
+    name = names[cause]
+    return (_NOTES.get(name, f"{name.replace('_', ' ')}; datasets drop such frames"),)
 
 
-def _appearance(changed: dict[str, float]) -> Appearance:
-    return dataclasses.replace(
-        _NEUTRAL, **{name: np.array([float(value)]) for name, value in changed.items()}
-    )
-
-
-def judge(image: UInt8[np.ndarray, "height width"], reading: Reading) -> tuple[str, str]:
-    """The state of a guard at rest that is shown this picture twice, and why.
-
-    Its limits are those by default; no law acts, so the paths it knows are flat.
-    """
-    guarded = Guarded(Scheduled(_AT_REST))
-    for _ in range(guarded.guard.bad_frames):
-        guarded.step(0.0, Measurement(image, reading))
-    cause = guarded.log[-1].cause if guarded.log else "picture and estimate can be trusted"
-    return guarded.state.value, cause
-
-
-def _flat(u: Sequence[float]) -> ForcePath:
-    return ForcePath(np.array(u), np.zeros((len(u), 7)), np.zeros(len(u), dtype=bool))
-
-
-_AT_REST = ControllerConfig(
-    loading=_flat((0.0, LARGEST)),
-    unloading=_flat((LARGEST, 0.0)),
-    contact_limit=np.full(7, CONTACT_LIMIT),
-    rate=ACTUATION_RATE,
-    period=0.1,
-    smallest_gain=1.0,
-    largest_gain=1.0,
-)
-
-
-def answer(view: View, cached: Exosuit, seen: Seen) -> dict[str, Any]:
-    """A view as JSON values: millimetres and newtons."""
-    notes = [_WORDS[cause] for cause in _causes(seen)]
+def answer(view: View, seen: Seen, lab: LabSystem) -> dict[str, Any]:
+    """A view as JSON values: millimetres, sensors and commands in their units."""
+    reading = seen.reading
+    schema = lab.schema
+    stops = lab.stops(seen.rest.drive)
     return {
-        "drive": [round(STEP * k, 2) for k in seen.rest.drive],
-        "converged": seen.rest.converged,
-        "notes": notes,
-        "scene": scene_of(cached, seen.pose),
-        "image": base64.b64encode(png_of(seen.image)).decode(),
-        "true": [round(float(force), 5) for force in seen.pose.forces],
-        "F_net": round(float(seen.pose.net_force), 5),
-        "reading": reading_of(seen.reading),
-        "guard": {"state": seen.state[0], "cause": seen.state[1]},
+        "drive": stops,
+        "notes": seen.notes,
+        "scene": scene_of(lab.cached(view).system, seen.observation),
+        "image": png_text(seen.image),
+        "readings": readings_of(seen.observation, lab),
+        "reading": None if reading is None else reading_of(reading, schema),
+        "guard": None if reading is None else judge(seen.image, reading, schema),
+        "command": lab.command(View(view.design, stops, view.look)),
     }
 
 
-def _causes(seen: Seen) -> list[str]:
-    path: Pose = jax.tree.map(lambda leaf: np.asarray(leaf)[None, None], seen.pose)
-    cause = int(first_cause(np.array([[seen.rest.converged]]), path)[0, 0])
-    return [] if cause == len(CAUSES) else [CAUSES[cause]]
-
-
-def scene_of(cached: Exosuit, pose: Pose) -> dict[str, Any]:
-    """What is drawn of a pose: axes and radii of both bodies, and the forces; [mm] and [N], x and z."""
+def readings_of(observation: Observation, lab: LabSystem) -> dict[str, float]:
+    """True readings by sensor [each in its unit]."""
     return {
-        "exosuit": _millimetres(pose.centreline[:, ::2]),
-        "exosuit_radius": _millimetres(radius(cached.shape.surface, QUADRATURE.points)),
-        "finger": _millimetres(pose.finger[:, ::2]),
-        "finger_radius": _millimetres(np.array(cached.finger.radii)),
-        "contacts": [
+        sensor.name: round(float(value), 5)
+        for sensor, value in zip(lab.schema.sensors, observation.readings, strict=True)
+    }
+
+
+def scene_of(system: System, observation: Observation) -> dict[str, Any]:
+    """What is drawn of a pose: axes and radii of the tubes, forces on the zones; [mm] and [N], x and z."""
+    return {
+        "tubes": [
             {
-                "name": name,
+                "axis": _millimetres(observation.axes[tube.name][:, ::2]),
+                "radius": _millimetres(tube.radius),
+            }
+            for tube in system.tubes
+        ],
+        "zones": [
+            {
                 "at": _millimetres(at[::2]),
                 "radius": _millimetres(size),
                 "force": [round(float(f), 5) for f in force[::2]],
             }
-            for name, size, at, force in zip(
-                SPHERES, cached.finger.sphere_radii(), pose.spheres, pose.pushes, strict=True
+            for size, at, force in zip(
+                _zone_radii(system), observation.places, observation.forces, strict=True
             )
         ],
     }
+
+
+def zones_of(system: System) -> list[ContactForce]:
+    """The sensors whose forces are drawn."""
+    return [sensor for sensor in system.sensors if isinstance(sensor, ContactForce)]
+
+
+def _zone_radii(system: System) -> list[float]:
+    """Mean radius of the spheres of each zone [m]: an arrow stands that far from the zone's middle."""
+    radii = {s.name: np.asarray(s.spheres.radius) for s in system.surfaces if isinstance(s, SphereSurface)}
+    return [float(radii[zone.surface][list(zone.spheres)].mean()) for zone in zones_of(system)]
 
 
 def _millimetres(values: Any) -> Any:
     return np.round(1e3 * np.asarray(values, float), 2).tolist()
 
 
-def reading_of(reading: Reading) -> dict[str, Any]:
-    """An estimate as JSON values [N]."""
+@dataclass(frozen=True)
+class Path:
+    """One channel driven from 0 to its peak, then to the other end of its grid, while the others stay.
 
-    def rounded(values: Float[np.ndarray, "1 7"]) -> list[float]:
-        return [round(float(value), 5) for value in values[0]]
+    before     moves of the other channels
+    channel    that is driven
+    loading    steps from 0 to the peak
+    unloading  steps from the peak to the other end
+    """
 
-    return {
-        "forces": rounded(reading.forces),
-        "low": rounded(reading.low),
-        "high": rounded(reading.high),
-        "contact": rounded(reading.contact),
-        "ood_score": round(float(reading.ood_score[0]), 3),
-        "F_net": round(float(reading.forces.sum()), 5),
-    }
+    before: tuple[Move, ...]
+    channel: int
+    loading: tuple[int, ...]
+    unloading: tuple[int, ...]
 
+    def drives(self) -> list[list[Move]]:
+        """One for each place, first of the loading, then of the unloading."""
+        peak = (self.channel, self.loading[-1])
+        up = [[*self.before, (self.channel, k)] for k in self.loading]
+        return up + [[*self.before, peak, (self.channel, k)] for k in self.unloading]
 
-def png_of(image: UInt8[np.ndarray, "height width"]) -> bytes:
-    """A picture as a PNG file."""
-    return cv2.imencode(".png", image)[1].tobytes()
-
-
-PATH_DRIVES: tuple[tuple[int, ...], ...] = (
-    *((k,) for k in range(16, TOP + 1, 16)),
-    *((TOP, k) for k in range(TOP - 16, -1, -16)),
-)
-"""Drives whose equilibria, one after the other, make the path 0 → 4 → 0 N known, in parts of one call."""
+    def parts(self) -> list[list[Move]]:
+        """Drives that make the path known, one after the other, each in little time."""
+        return self.drives()[:: _PART // STRIDE]
 
 
-def path_of(cached: CachedExosuit) -> dict[str, Any]:
-    """F_net [N] at every load of 0 → 4 → 0 N."""
-    steps = range(0, TOP + 1, STRIDE)
-    ways = [[cached.at((k,)) for k in steps], [cached.at((TOP, k)) for k in steps]]
-    up, down = (
-        np.asarray(observe(cached.stacked, np.stack([rest.q for rest in way])[None]).net_force)[0]
-        for way in ways
+def path_of(settings: PathSettings, lab: LabSystem) -> Path:
+    """The path that is asked for."""
+    channel = lab.channel(settings.channel)
+    last = dict(lab.moves(settings.view))
+    grid = lab.grids[channel]
+    peak, other = grid.peak, grid.bottom if grid.peak == grid.top else grid.top
+    sign = 1 if peak > 0 else -1
+    return Path(
+        before=tuple((each, steps) for each, steps in sorted(last.items()) if each != channel),
+        channel=channel,
+        loading=_places(0, peak, sign),
+        unloading=_places(peak, other, -sign),
     )
+
+
+def _places(start: int, end: int, sign: int) -> tuple[int, ...]:
+    """Both ends, and every multiple of STRIDE between them."""
+    between = [k for k in range(start, end, sign) if k % STRIDE == 0 and k not in (start, end)]
+    return (start, *between, *([end] if end != start else []))
+
+
+def path_answer(settings: PathSettings, path: Path, cached: CachedSystem, lab: LabSystem) -> dict[str, Any]:
+    """What one sensor reads along a path, and between which limits a loop may follow it."""
+    sensor, grid = lab.sensor(settings.sensor), lab.grids[path.channel]
+    rests = [cached.at(drive) for drive in path.drives()]
+    found = observe(cached.stacked, np.stack([rest.q for rest in rests])[None])
+    values = np.round(np.asarray(found.readings)[0, :, lab.schema.index(sensor.name)], 5)
+    turn = len(path.loading)
+    most = round125(max(1e-6, float(np.abs(values).max())))
     return {
-        "u": [round(STEP * k, 2) for k in steps],
-        "loading": np.round(up, 5).tolist(),
-        "unloading": np.round(down, 5).tolist(),
-        "stable": all(rest.converged for way in ways for rest in way),
+        "channel": grid.channel.name,
+        "sensor": sensor.name,
+        "loading": _points(grid.command, path.loading, values[:turn]),
+        "unloading": _points(grid.command, path.unloading, values[turn:]),
+        "step": grid.command(STRIDE),
+        "stable": all(rest.converged for rest in rests),
+        "target": {"low": most / 50, "high": most, "step": most / 100, "start": 0.3 * most},
     }
+
+
+def _points(command: Any, steps: Sequence[int], values: np.ndarray) -> list[tuple[float, float]]:
+    return [(command(k), float(value)) for k, value in zip(steps, values, strict=True)]

@@ -16,11 +16,15 @@ from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.cpu import cores
-from exosight.mechanics.continuation import SNAPS, ContinuationState, Records, begin, stepper
+from exosight.mechanics.continuation import stepper
+from exosight.mechanics.continuation_state import SNAPS, ContinuationState, Records, begin
 from exosight.mechanics.metric import metric_of
 
-ROOM = 64
-"""Loads that a lane takes at a time; longer paths go on in the same lane. One size, so one compilation."""
+ROOM = 8, 64
+"""Loads that a lane takes at a time, on short paths and on others; longer ones go on in the same lane.
+
+Two sizes, so two compilations at most. A single load needs less than the first, but the robot's Hessian at
+each (5 KiB for the worn exosuit) costs less than another compilation."""
 
 
 class Snap(NamedTuple):
@@ -86,7 +90,8 @@ def solve(
     on_cpu = jax.default_backend() == "cpu"
     # As suits the device (eight share the cache of a core), but no more than the robots fill.
     lanes = min(lanes or (8 if on_cpu else 2048), 1 << max(0, robots - 1).bit_length())
-    room = 1 if count == 1 else ROOM
+    short, long = ROOM
+    room = short if count <= short else long
     compiled = _compiled(problems.structure)
     queue = _Queue(robots)
     found = _nothing(problems)

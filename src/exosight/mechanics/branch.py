@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from exosight.arrays import AnyArray
+from exosight.mechanics.energy import Evaluation
 from exosight.mechanics.metric import Metric
 
 UNLIKE = 0.15, 2e-4
@@ -82,17 +83,16 @@ def bordered(
     metric: Metric,
     anchor: Anchor,
     q: Float[Array, " dofs"],
-    gradient: Float[Array, " dofs"],
-    hessian: Float[Array, "dofs dofs"],
+    here: Evaluation,
     by_t: Float[Array, " dofs"],
     s: Float[Array, ""],
 ) -> Bordered:
     """∇Π = 0 and cᵀ(q − q_anchor) = s, linearised; c = M v/|v|, v the anchor's tangent."""
-    n = len(q)
+    n, hessian = len(q), here.hessian
     c = metric.matrix @ (anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300))
     top = jnp.concatenate([hessian, by_t[:, None]], axis=1)
     bottom = jnp.concatenate([c, jnp.zeros(1)])[None]
-    right = jnp.zeros((n + 1, 2)).at[:n, 0].set(-gradient).at[n, 0].set(s - c @ (q - anchor.q))
+    right = jnp.zeros((n + 1, 2)).at[:n, 0].set(-here.gradient).at[n, 0].set(s - c @ (q - anchor.q))
     # Rows and columns of very different units: the last ones are scaled to the size of the others.
     scale = jnp.maximum(jnp.linalg.norm(by_t), 1e-300) / jnp.maximum(jnp.linalg.norm(hessian), 1e-300)
     matrix = jnp.concatenate([top, bottom]).at[:, n].multiply(1 / jnp.where(scale > 0, scale, 1.0))

@@ -255,7 +255,7 @@ class CameraTable:
 class VaryTable:
     """An entry of the file that differs from design to design, drawn evenly between two values."""
 
-    entry: Annotated[str, Field(max_length=200)]
+    entry: Annotated[str, Field(max_length=200, pattern=r"^[A-Za-z0-9_.]+$")]
     """such as "rods.sleeve.young" or "links.distal.radius.0" """
     low: Limit
     high: Limit

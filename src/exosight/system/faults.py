@@ -1,5 +1,6 @@
 """One sentence for what is wrong in a system file, beginning with its place there."""
 
+import re
 from collections.abc import Callable
 from typing import TypeVar
 
@@ -9,6 +10,8 @@ from exosight.errors import InputError
 from exosight.validation import first_fault
 
 Made = TypeVar("Made")
+
+_PLACE = re.compile(r"\w+(\.\w+)*: ")
 
 _WORDS = (
     ("Unexpected keyword argument", "there is no such entry"),
@@ -22,7 +25,11 @@ _WORDS = (
     ("a dictionary or an instance of", "a table for"),
     ("a valid tuple", "a list"),
     (
-        "String should match pattern '^[A-Za-z][A-Za-z0-9_]{0,31}$'",
+        "String should match pattern '^[A-Za-z0-9_.]+$'",
+        "expected an entry of this file, such as rods.sleeve.young",
+    ),
+    (
+        "String should match pattern '^[A-Za-z][A-Za-z_0-9]{0,31}$'",
         "expected a name of at most 32 letters, digits and underscores, a letter first",
     ),
 )
@@ -30,14 +37,17 @@ _WORDS = (
 
 
 def at_place(place: str, make: Callable[..., Made], *arguments: object) -> Made:
-    """What `make` returns at the arguments; what it raises names the place in the file, as an InputError."""
+    """What `make` returns at the arguments.
+
+    Raises an InputError for any ValueError of it; a place at the beginning of its message is within `place`.
+    """
     try:
         return make(*arguments)
     except ValidationError as error:
         message = sentence(error)
     except ValueError as error:  # InputError is one
         message = str(error)
-    raise InputError(message if message.startswith(place) else f"{place}: {message}") from None
+    raise InputError(f"{place}{'.' if _PLACE.match(message) else ': '}{message}") from None
 
 
 def sentence(error: ValidationError) -> str:

@@ -7,12 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.errors import InputError
-from exosight.mechanics import Equilibria, follow
+from exosight.mechanics import Equilibria, drive
 from exosight.system.observation import Observation, observe
 from exosight.system.system import System, stack_systems
-
-STEPS = 80
-"""Equal steps in which a command at the end of a channel's range is approached; fewer for a smaller one."""
 
 
 class Answer(NamedTuple):
@@ -46,16 +43,7 @@ def simulate_system(system: System, commands: Float[np.ndarray, "commands channe
                 f"{channel.name}: expected {channel.low:g} to {channel.high:g} {channel.unit}, got "
                 f"{wrong[0]:g}"
             )
-    low, high = system.schema.limits
-    path, parents, where = [np.zeros(len(channels))], [-1], []
-    for command in commands:
-        share = np.max(np.abs(command) / np.maximum(high, -low))
-        steps = int(np.ceil(STEPS * share))
-        for step in range(1, steps + 1):
-            parents.append(0 if step == 1 else len(path) - 1)
-            path.append(command * step / steps)
-        where.append(len(path) - 1 if steps else 0)
-    found = follow([system.robot], system.loads(np.array(path)), parents=parents)
-    at: Equilibria = jax.tree.map(lambda leaf: leaf[0, where], found)
+    found = drive([system.robot] * len(commands), system.loads(commands)[:, None])
+    at: Equilibria = jax.tree.map(lambda leaf: leaf[:, 0], found)
     seen = observe(stack_systems([system]), at.q[None])
     return Answer(commands, at, jax.tree.map(lambda leaf: np.asarray(leaf[0]), seen))

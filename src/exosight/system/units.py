@@ -48,7 +48,7 @@ ACCELERATION = Kind("an acceleration", "9.81 m/s^2", {"m/s^2": 1.0})
 def split_quantity(text: Any, example: str) -> tuple[float, str]:
     """Number and unit of a text such as "45 mm"; ValueError if it is no such text, or not finite."""
     found = _NUMBER.fullmatch(text) if isinstance(text, str) and len(text) <= LARGEST_TEXT else None
-    if found is None or not found[2]:
+    if found is None or not found[2].isprintable() or not found[2]:
         raise ValueError(f"expected a number and its unit, like {example!r}, got {str(text)[:40]!r}")
     value = float(found[1])
     if not math.isfinite(value):

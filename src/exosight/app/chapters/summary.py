@@ -97,8 +97,8 @@ def limits() -> Section:
                     "extrapolated.",
                     "The image must show the side view at the scale that was learned. Forces come out "
                     "of any image of the right size, whether or not it shows a finger. `exosight estimate` "
-                    "adds intervals, and an OOD score that flags images that differ from the training data; the "
-                    "loop above uses neither.",
+                    "adds intervals, and an OOD score that flags images that differ from the training data; "
+                    "the loop above uses neither.",
                 )
             ),
         ),

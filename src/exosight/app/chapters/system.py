@@ -21,8 +21,9 @@ def introduction(overview: Figure, schema: Schema) -> Section:
             "pushes the finger closed. How hard it pushes, and where, is difficult to measure: a sensor "
             "between skin and silicone is in the way. Here the forces are read from a picture instead. A "
             "network takes one small gray image of finger and exosuit and estimates forces in newtons, one "
-            f"for each place {outputs} on the finger where the two may touch. Their sum is {schema.controlled}, "
-            "the net force on the finger, and a controller can use it in place of a sensor.",
+            f"for each place {outputs} on the finger where the two may touch. Their sum is "
+            f"{schema.controlled}, the net force on the finger, and a controller can use it in place of a "
+            "sensor.",
             Picture(
                 overview,
                 "From pose to forces. 1: the exosuit is clamped beside the base of the finger; the "

@@ -27,7 +27,8 @@ def control(
     The published system goes through the paper's six trials: constant targets 0.25, 0.30, 0.35 N with
     K_P = 5; and 0.2 N for 10 s, then 0 N, with K_P = 0.1, 1 and 100. With another system, or any of the
     options sensor, channel, targets and gains, each target is held for 10 s and then released, with each
-    gain. What is measured is the network's estimate from the camera image; without a network it is the true reading.
+    gain. What is measured is the network's estimate from the camera image; without a network it is the true
+    reading.
 
     Examples:
       exosight control --model results/light/model.onnx --out results/control

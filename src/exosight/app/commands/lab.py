@@ -2,7 +2,8 @@
 
 import threading
 import webbrowser
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from pydantic import Field
@@ -11,19 +12,29 @@ from exosight.app.commands.options import MaybePath
 from exosight.app.console import say, waiting
 from exosight.app.output import new_folder
 from exosight.errors import InputError
-from exosight.lab.settings import View, shape_of
+from exosight.lab.published_design import PublishedDesign, values_of
+from exosight.lab.settings import Finite, Look, View
 
-DEFAULT = View()
+if TYPE_CHECKING:
+    from exosight.lab.system import LabSystem
+
+DEFAULT = PublishedDesign()
+NO_LOOK = Look()
 
 
 def lab(
-    view: Annotated[View, tyro.conf.arg(name="")] = DEFAULT,
+    design: Annotated[PublishedDesign, tyro.conf.arg(name="")] = DEFAULT,
+    look: Annotated[Look, tyro.conf.arg(name="")] = NO_LOOK,
+    system: str = "published",
+    model: MaybePath = None,
+    vary: tuple[str, ...] = (),
+    drive: tuple[Finite, ...] = (),
     host: str = "127.0.0.1",
     port: Annotated[int, Field(ge=0, le=65535)] = 8765,
     browser: bool = True,
     out: MaybePath = None,
 ) -> None:
-    """Open a page on which sliders move an exosuit, its picture and its forces, and a closed loop runs.
+    """Open a page on which sliders move a system, its picture and its readings, and a closed loop runs.
 
     Needs the extra 'lab', but no network: the page is served by this machine, to this machine. Bound to any
     other host it demands a token, which is part of the address that is printed.
@@ -31,21 +42,28 @@ def lab(
     Examples:
       exosight lab
       exosight lab --family sine --parameters 0.008 -5 --drive 4 2.4
+      exosight lab --system thumb.toml --vary "rods.sleeve.young=250 kPa"
       exosight lab --drive 2.4 --out results/view
 
     Args:
-        view: what the page opens with
+        design: what the page opens with; of the system published
+        look: what its camera does
+        system: published, or a system file *.toml
+        model: network that reads the pictures; by default the one that comes with the package
+        vary: entries of a system file that vary, as ENTRY=VALUE
+        drive: commands driven to one after the other, from rest, one a channel for each stop [the channels'
+            units]; the last stop is seen. By default 60 % of the first channel's peak
         host: name or address to listen on
         port: to listen on; 0 takes any that is free
         browser: open the page in the browser
-        out: write picture, forces, path and settings of the view to a new folder instead, and end
+        out: write picture, readings, path and settings of the view to a new folder instead, and end
     """
-    shape_of(view)
+    shown, view = _opened(system, model, design, look, vary, drive)
     if out is not None:
         from exosight.lab.saving import write_view
 
         with new_folder(out) as folder, waiting("solving; the first time on a machine compiles"):
-            write_view(view, folder)
+            write_view(view, shown, folder)
         say(f"wrote {out}")
         return
     try:
@@ -61,6 +79,33 @@ def lab(
         if browser:
             threading.Timer(0.5, webbrowser.open, (address,)).start()
         try:
-            server_of(application(view, hosts, token)).run(sockets=[listener])
+            server_of(application(shown, view, hosts, token)).run(sockets=[listener])
         except KeyboardInterrupt:
             say("lab ended")
+
+
+def _opened(
+    system: str,
+    model: Path | None,
+    design: PublishedDesign,
+    look: Look,
+    vary: tuple[str, ...],
+    drive: tuple[float, ...],
+) -> "tuple[LabSystem, View]":
+    """The system, and the view that its page opens with; InputError for options that do not fit it."""
+    from exosight.lab.designs import FileControls
+    from exosight.lab.system import open_system, stops_of
+
+    values: dict[str, Any] = values_of(design)
+    shown = open_system(system, model)
+    if isinstance(shown.controls, FileControls):
+        if values:
+            option = next(iter(values)).replace("_", "-")
+            raise InputError(f"--{option}: only the system published has it; set entries with --vary")
+        values = shown.controls.parse(vary)
+    elif vary:
+        raise InputError("--vary: it is for system files; the system published has options of its own")
+    stops = stops_of(drive, len(shown.grids)) if drive else shown.start.drive
+    view = View(values, stops, look)
+    shown.check(view)
+    return shown, view

@@ -104,7 +104,7 @@ def simulate(
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.simulation import simulate as solve
 
-    exosuit = Exosuit(shape, **about)
+    exosuit = Exosuit(shape, young=young, contact_stiffness=contact_stiffness, gap=gap)
     with waiting(WAITING):
         records = solve(exosuit, LOADS if u is None else u).records()
     _say_lost(records)

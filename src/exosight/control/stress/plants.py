@@ -34,7 +34,7 @@ PUBLISHED_VARIATION = PlantVariation(
 """By how much exosuit, finger and mount of the published system differ from those that were tuned for."""
 
 _TARGETS = (0.15, 0.7)  # shares of the largest reading within the limits, for a system of a file
-_AROUND_SNAP = (0.92, 1.03)  # of the readings before and after the first jump; the published ones are near it
+_AROUND_SNAP = (0.92, 1.03)  # of the readings before and after the largest jump
 
 
 @dataclass(frozen=True)
@@ -101,11 +101,11 @@ def _of_file(designs: FileDesigns, sensor: str | None, channel: str | None) -> S
 
 
 def _targets(limits: ControllerConfig) -> tuple[Limits, Limits]:
-    """Targets, and those around the first jump, from the path that was tuned on."""
+    """Targets, and those around the largest jump, from the path that was tuned on."""
     largest = float(limits.loading.controlled.max())
     targets = _TARGETS[0] * largest, _TARGETS[1] * largest
     jumps = limits.loading.jumps
     if not jumps:
         return targets, targets
-    before, after = jumps[0]
+    before, after = max(jumps, key=lambda jump: abs(jump[1] - jump[0]))
     return targets, (_AROUND_SNAP[0] * before, _AROUND_SNAP[1] * max(before, after))

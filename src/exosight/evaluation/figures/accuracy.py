@@ -71,7 +71,8 @@ def sample_traces(
             ax.set_ylim(top=max(ax.get_ylim()[1], _SMALLEST_SCALE))
         ax.yaxis.set_major_locator(few_ticks())
         ax.grid(axis="y")
-        if ax.get_subplotspec().is_last_row():
+        place = ax.get_subplotspec()
+        if place is not None and place.is_last_row():
             ax.set_xlabel("sample (random frames) [-]")
     figure.align_ylabels()
     legend_above(figure, handles, ["true", "estimated"])

@@ -1,6 +1,7 @@
 """What degraded images look like, and what they cost."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from jaxtyping import UInt8
@@ -44,7 +45,7 @@ def robustness_bars(cases: Mapping[str, Scores]) -> Figure:
     names = list(cases)
     place = np.arange(len(names))
     schema = next(iter(cases.values())).schema
-    sources = [("exosight", cases, ESTIMATED)]
+    sources: list[tuple[str, Mapping[str, Any], str]] = [("exosight", cases, ESTIMATED)]
     if is_published(schema):
         sources.append(("paper", ROBUSTNESS_PUBLISHED, PAPER))
     metrics = [("rms_percent", "RMS% [% of range]"), ("r", "Pearson r [-]")]

@@ -1,43 +1,60 @@
-// A table of forces with bars in it, and line charts.
+// A table of sensors with bars in it, and line charts.
 
-import { html, round125, svg } from "./svg.js";
+import { html, named, round125, svg } from "./svg.js";
 
-/** Rows C1…C7 and F_net; `truth` has C0 first and may be missing. */
-export function forceTable(host, withTruth) {
-  const head = html("tr", {}, html("th", { scope: "col" }, html("span", { class: "unseen" }, "Contact")),
+/** Rows of sensors, those of one quantity on one scale; what is estimated stands beside what is true. */
+export function sensorTable(host, sensors, { truth, estimates }) {
+  const columns = [...(truth ? ["true"] : []), ...(estimates ? ["est.", "90 %"] : [])];
+  const head = html("tr", {}, html("th", { scope: "col" }, html("span", { class: "unseen" }, "Sensor")),
     html("th", { scope: "col" }, html("span", { class: "unseen" }, "Bars")),
-    ...(withTruth ? [html("th", { scope: "col" }, "true")] : []),
-    html("th", { scope: "col" }, "est."), html("th", { scope: "col" }, "90 % [N]"));
-  const rows = Array.from({ length: 7 }, (_, i) => {
-    const zero = svg("line", { class: "zero", x1: "0%", x2: "0%", y1: "0", y2: "100%" });
-    const bar = svg("rect", { class: "true", x: "0%", y: "18%", height: "64%", rx: 1.5 });
-    const whisker = svg("line", { class: "whisker", y1: "50%", y2: "50%" });
-    const dot = svg("circle", { class: "dot", cy: "50%", r: 4.5 });
-    const drawing = svg("svg", { "aria-hidden": "true" }, zero, bar, whisker, dot);
-    const cells = Array.from({ length: withTruth ? 3 : 2 }, () => html("td"));
-    const row = html("tr", {}, html("th", { scope: "row" }, `C${i + 1}`), html("td", { class: "bar" }, drawing), ...cells);
-    return { row, bar, whisker, dot, cells };
-  });
-  const axis = svg("svg", { "aria-hidden": "true" });
-  const foot = html("tr", {}, html("td"), html("td", { class: "bar" }, axis), html("td", { colspan: withTruth ? 3 : 2 }));
-  host.append(html("table", {}, html("thead", {}, head), html("tbody", {}, ...rows.map((each) => each.row)), html("tfoot", {}, foot)));
-
-  return (truth, reading) => {
-    const most = round125(Math.max(0.05, ...(truth ?? []).slice(1), ...reading.high));
-    const share = (value) => `${Math.min(100, (100 * value) / most)}%`;
-    rows.forEach(({ bar, whisker, dot, cells }, i) => {
-      const [low, high, estimated] = [reading.low[i], reading.high[i], reading.forces[i]];
-      bar.setAttribute("width", share(truth ? truth[i + 1] : 0));
-      whisker.setAttribute("x1", share(low));
-      whisker.setAttribute("x2", share(high));
-      dot.setAttribute("cx", share(estimated));
-      const words = [estimated.toFixed(3), `${low.toFixed(3)}–${high.toFixed(3)}`];
-      if (truth) words.unshift(truth[i + 1].toFixed(3));
-      words.forEach((each, k) => { if (cells[k].textContent !== each) cells[k].textContent = each; });
+    ...columns.map((words) => html("th", { scope: "col" }, words)));
+  const groups = Map.groupBy
+    ? [...Map.groupBy(sensors, (each) => `${each.quantity} ${each.unit}`).values()]
+    : [...new Set(sensors.map((each) => `${each.quantity} ${each.unit}`))].map((key) => sensors.filter((each) => `${each.quantity} ${each.unit}` === key));
+  const drawn = groups.map((group) => {
+    const rows = group.map(({ name, unit }) => {
+      const zero = svg("line", { class: "zero", y1: "0", y2: "100%" });
+      const bar = svg("rect", { class: "true", y: "18%", height: "64%", rx: 1.5 });
+      const whisker = svg("line", { class: "whisker", y1: "50%", y2: "50%", display: "none" });
+      const dot = svg("circle", { class: "dot", cy: "50%", r: 4.5, display: "none" });
+      const cells = columns.map(() => html("td"));
+      const drawing = svg("svg", { "aria-hidden": "true" }, zero, bar, whisker, dot);
+      const row = html("tr", {}, html("th", { scope: "row" }, ...named(name), html("span", { class: "unseen" }, ` [${unit}]`)),
+        html("td", { class: "bar" }, drawing), ...cells);
+      return { name, row, zero, bar, whisker, dot, cells };
     });
-    axis.replaceChildren(svg("text", { x: "0%", y: 12 }, "0"),
-      svg("text", { x: "100%", y: 12, "text-anchor": "end" }, `${most} N`));
-  };
+    const axis = svg("svg", { "aria-hidden": "true" });
+    const foot = html("tr", { class: "foot" }, html("td"), html("td", { class: "bar" }, axis), html("td", { colspan: Math.max(1, columns.length) }));
+    return { rows, axis, unit: group[0].unit, body: html("tbody", {}, ...rows.map((each) => each.row), foot) };
+  });
+  host.append(html("table", {}, html("thead", {}, head), ...drawn.map(({ body }) => body)));
+
+  return (readings, found) => drawn.forEach(({ rows, axis, unit }) => {
+    const values = rows.flatMap(({ name }) => {
+      const { value, low, high } = found?.[name] ?? {};
+      return [readings?.[name], value, low, high].filter((each) => each !== undefined);
+    });
+    const most = round125(Math.max(0.05, ...values.map(Math.abs)));
+    const from = Math.min(...values, 0) < 0 ? -most : 0;
+    const share = (value) => Math.min(100, Math.max(0, (100 * (value - from)) / (most - from)));
+    for (const { name, zero, bar, whisker, dot, cells } of rows) {
+      const real = readings?.[name], { value, low, high } = found?.[name] ?? {};
+      const place = (element, attribute, at) => element.setAttribute(attribute, `${share(at)}%`);
+      place(zero, "x1", 0);
+      place(zero, "x2", 0);
+      place(bar, "x", Math.min(0, real ?? 0));
+      bar.setAttribute("width", `${Math.abs(share(real ?? 0) - share(0))}%`);
+      whisker.setAttribute("display", low === undefined ? "none" : "inline");
+      dot.setAttribute("display", value === undefined ? "none" : "inline");
+      if (low !== undefined) { place(whisker, "x1", low); place(whisker, "x2", high); }
+      if (value !== undefined) place(dot, "cx", value);
+      const words = [...(truth ? [real] : []), ...(estimates ? [value] : [])].map((each) => each?.toFixed(3).replace("-", "−") ?? "");
+      if (estimates) words.push(low === undefined ? "" : `${low.toFixed(3)}–${high.toFixed(3)}`.replaceAll("-", "−"));
+      words.forEach((each, k) => { if (cells[k].textContent !== each) cells[k].textContent = each; });
+    }
+    axis.replaceChildren(svg("text", { x: "0%", y: 12 }, String(from).replace("-", "−")),
+      svg("text", { x: "100%", y: 12, "text-anchor": "end" }, `${most} ${unit}`));
+  });
 }
 
 /** A line through points, interrupted where y is null. */
@@ -50,16 +67,16 @@ function line(points, X, Y, steps) {
   return path;
 }
 
-/** Words of a drawing, with what follows "F_" as its index. */
+/** Words of a drawing; what follows a single letter and "_" becomes its index. */
 function lowered(words) {
-  const [before, index, after] = words.split(/(?<=F)_(\w+)/);
+  const [, before, letter, index, after] = words.match(/^(.*?)\b([A-Za-z])_(\w+)(.*)$/) ?? [];
   if (!index) return [words];
-  return [before, svg("tspan", { dy: 3, "font-size": "75%" }, index), svg("tspan", { dy: -3 }, after)];
+  return [before + letter, svg("tspan", { dy: 3, "font-size": "75%" }, index), svg("tspan", { dy: -3 }, after)];
 }
 
 /** A line chart that fills its host; `draw` is given everything, so that it can be drawn anew in any size. */
-export function lineChart(host, label, unitX, unitY) {
-  const drawing = svg("svg", { role: "img", "aria-label": label });
+export function lineChart(host) {
+  const drawing = svg("svg", { role: "img", "aria-label": "Chart, not there yet" });
   host.append(drawing);
   let last = null;
 
@@ -80,12 +97,13 @@ export function lineChart(host, label, unitX, unitY) {
         svg("text", { x: x0 - 6, y: Y(k * step) + 4, "text-anchor": "end", class: "soft" }, words));
     }
     const apart = round125((to - from) / 6);
-    for (let at = from; at <= to + 1e-9; at += apart) {
-      grid.push(svg("text", { x: X(at), y: y1 + 16, "text-anchor": "middle", class: "soft" }, String(Number(at.toPrecision(3)))));
+    for (let k = Math.ceil(from / apart - 1e-9); k * apart <= to + 1e-9; k++) {
+      const words = String(Number((k * apart).toPrecision(3))).replace("-", "−");
+      grid.push(svg("text", { x: X(k * apart), y: y1 + 16, "text-anchor": "middle", class: "soft" }, words));
     }
     grid.push(svg("line", { class: "frame", x1: x0, x2: x1, y1, y2: y1 }),
-      svg("text", { x: (x0 + x1) / 2, y: height - 3, "text-anchor": "middle" }, unitX),
-      svg("text", { x: 2, y: 11 }, ...lowered(unitY)));
+      svg("text", { x: (x0 + x1) / 2, y: height - 3, "text-anchor": "middle" }, ...lowered(what.labels[0])),
+      svg("text", { x: 2, y: 11 }, ...lowered(what.labels[1])));
     const bands = (what.bands ?? []).map(({ kind, from: a, to: b }) => svg("rect", {
       class: kind, x: X(a), width: Math.max(1, X(b) - X(a)), y: y0, height: y1 - y0,
     }));
@@ -93,7 +111,7 @@ export function lineChart(host, label, unitX, unitY) {
     const marks = (what.marks ?? []).map(({ kind, x, y }) => svg("circle", { class: kind, cx: X(x), cy: Y(y), r: kind === "here" ? 5 : 6.5 }));
     const cursor = what.cursor == null ? [] : [svg("line", { class: "cursor", x1: X(what.cursor), x2: X(what.cursor), y1: y0, y2: y1 })];
     drawing.replaceChildren(...bands, ...grid, ...series, ...cursor, ...marks);
-    if (what.words) drawing.setAttribute("aria-label", `${label}: ${what.words}`);
+    drawing.setAttribute("aria-label", [`${what.labels[1]} over ${what.labels[0]}`, what.words].filter(Boolean).join(": "));
   }
   new ResizeObserver(() => draw()).observe(host);
   return draw;

@@ -1,11 +1,14 @@
 // The third tab: a picture of one's own.
 
 import { upload } from "./api.js";
-import { forceTable } from "./charts.js";
-import { by, newtons } from "./svg.js";
+import { sensorTable } from "./charts.js";
+import { by, quantity } from "./svg.js";
 
-export function estimate() {
-  const table = forceTable(by("file-forces"), false);
+export function estimate({ system, sensors, controlled, pixels }) {
+  const table = sensorTable(by("file-sensors"), sensors, { truth: false, estimates: true });
+  const { unit } = sensors.find(({ name }) => name === controlled);
+  by("network-system").textContent = system;
+  by("network-size").textContent = pixels.join(":");
   const drop = by("drop");
 
   async function take(picture) {
@@ -14,13 +17,14 @@ export function estimate() {
     try {
       const found = await upload(picture);
       by("file-image").src = `data:image/png;base64,${found.image}`;
-      by("file-image").alt = `${picture.name}, gray, 128 by 128 pixels`;
-      table(null, found.reading);
-      const strange = found.reading.ood_score > 1;
+      by("file-image").alt = `${picture.name}, gray, ${pixels.join(" by ")} pixels`;
+      const { estimates, ood_score: score } = found.reading;
+      table(null, estimates);
+      const strange = score > 1;
       by("verdict").className = `verdict ${strange ? "bad" : ""}`;
       by("verdict").textContent = strange
-        ? `Do not trust these forces: the picture is unlike those learned from (score ${found.reading.ood_score.toFixed(2)}, trusted up to 1).`
-        : `Net force ${newtons(found.reading.F_net)}; the picture is like those learned from (score ${found.reading.ood_score.toFixed(2)}).`;
+        ? `Do not trust these estimates: the picture is unlike those learned from (score ${score.toFixed(2)}, trusted up to 1).`
+        : `${controlled} ${quantity(estimates[controlled].value, unit)}; the picture is like those learned from (score ${score.toFixed(2)}).`;
       by("file-cause").textContent = `Guard, shown this picture: ${found.guard.state}; ${found.guard.cause}.`;
       by("result").hidden = by("file-result").hidden = false;
     } catch (error) {

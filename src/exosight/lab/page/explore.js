@@ -1,24 +1,35 @@
 // The first tab: settings in, one view out. At most one view is on its way; what changes meanwhile goes next.
 
 import { ask, file } from "./api.js";
-import { forceTable, lineChart } from "./charts.js";
+import { lineChart, sensorTable } from "./charts.js";
 import { group, pick, slider } from "./controls.js";
-import { scene } from "./scene.js";
-import { by, download, newtons, round125, standalone } from "./svg.js";
+import { scene, tubeLegend } from "./scene.js";
+import { by, digitsOf, download, html, named, quantity, round125, standalone } from "./svg.js";
 
-const LONGEST_WAY = 48;  // turns; the server takes up to 64
+const LONGEST_WAY = 48;  // stops; the server takes up to 64
 const LONGEST_TRAIL = 400;  // points
 const QUIET = 300;  // ms without a change until the whole path is asked for, and the numbers are spoken
 
 export function explore(about, problem) {
-  const view = { ...about.start };
-  const pose = scene(by("pose"));
-  const table = forceTable(by("forces"), true);
-  const chart = lineChart(by("path"), "F_net over actuation", "actuation u [N]", "F_net [N]");
-  const u = by("u");
-  let busy = false, again = false, sent = 0, exosuit = 0, shown = null, path = null, trail = [], quiet = 0, stop = null, sweeping = 0;
+  const { channels, sensors } = about;
+  const view = { design: { ...about.start.design }, drive: about.start.drive.map((stop) => [...stop]), look: { ...about.start.look } };
+  const chosen = { channel: 0, sensor: sensors.find(({ name }) => name === about.controlled) };
+  const pose = scene(by("pose"), about);
+  const estimates = !about.network.refusal;
+  const table = sensorTable(by("sensors"), sensors, { truth: true, estimates });
+  const chart = lineChart(by("path"));
+  const rows = channels.map(channelRow);
+  let busy = false, again = false, sent = 0, changes = 0, shown = null, path = null, trail = [], quiet = 0, stop = null, sweeping = 0;
 
-  const here = () => view.drive.at(-1);
+  const now = () => view.drive.at(-1) ?? channels.map(() => 0);
+  const here = () => now()[chosen.channel];
+  const told = (i, value) => quantity(value, channels[i].unit, digitsOf(channels[i].step));
+  const read = (name) => shown?.readings[name] ?? 0;
+  const guessed = () => shown?.reading?.estimates[chosen.sensor.name]?.value;
+  const others = (commands) => commands.filter((_, i) => i !== chosen.channel).join();
+  /** What a path belongs to. */
+  const pathKey = () => JSON.stringify([view.design, chosen.channel, chosen.sensor.name, others(now())]);
+  const asked = () => ({ view, channel: channels[chosen.channel].name, sensor: chosen.sensor.name });
 
   async function update() {
     clearTimeout(quiet);
@@ -27,14 +38,14 @@ export function explore(about, problem) {
     do {
       again = false;
       sent = view.drive.length;
-      const asked = exosuit;
+      const before = changes;
       try {
         const found = await ask("/api/view", view);
-        if (asked === exosuit) {
-          // The server knows a shortest way to the same pose; what was driven meanwhile goes on from there.
+        if (before === changes) {
+          // The server knows a shortest drive to the same pose; what was driven meanwhile goes on from there.
           view.drive = [...found.drive, ...view.drive.slice(sent)];
           sent = found.drive.length;
-          trail.push([found.drive.at(-1), found.F_net]);
+          trail.push({ commands: found.drive.at(-1) ?? channels.map(() => 0), readings: found.readings });
           if (trail.length > LONGEST_TRAIL) trail.shift();
         }
         show(found);
@@ -53,138 +64,225 @@ export function explore(about, problem) {
     by("status").hidden = true;
     pose.draw(found.scene);
     by("image").src = `data:image/png;base64,${found.image}`;
-    table(found.true, found.reading);
-    by("net-true").textContent = newtons(found.F_net);
-    by("net-estimated").textContent = newtons(found.reading.F_net);
-    by("ood_score").textContent = `${found.reading.ood_score.toFixed(2)}${found.reading.ood_score > 1 ? ", do not trust" : ""}`;
-    by("guard").textContent = found.guard.state;
-    by("guard").className = `state ${found.guard.state}`;
-    by("guard-cause").textContent = `Guard, shown this picture: ${found.guard.cause}.`;
+    by("image").alt = `Camera image, ${about.scene.pixels.join(" by ")} pixels`;
+    table(found.readings, found.reading?.estimates);
+    facts();
     by("notes").hidden = !found.notes.length;
     by("notes").textContent = found.notes.length ? `Note: ${found.notes.join("; ")}.` : "";
-    by("way").textContent = ["0", ...found.drive.filter((each, i) => i || each).map((each) => each.toFixed(2))].join(" → ") + " N";
+    by("way").replaceChildren(...way(found.drive));
     by("command").value = found.command;
     drawPath();
     clearTimeout(quiet);
     quiet = setTimeout(rest, QUIET);
   }
 
+  function facts() {
+    const { name, unit } = chosen.sensor, value = guessed();
+    by("value-true").textContent = quantity(read(name), unit);
+    by("value-estimated").textContent = value === undefined ? "none" : quantity(value, unit);
+    if (!shown.reading) return;
+    const { ood_score: score } = shown.reading, { state, cause } = shown.guard;
+    by("ood_score").textContent = `${score.toFixed(2)}${score > 1 ? ", do not trust" : ""}`;
+    by("guard").textContent = state;
+    by("guard").className = `state ${state}`;
+    by("guard-cause").textContent = `Guard, shown this picture: ${cause}.`;
+  }
+
+  /** The stops of a drive; a system of several channels names the one that moved. */
+  function way(drive) {
+    const one = channels.length === 1, words = [];
+    let before = channels.map(() => 0);
+    for (const stop of drive) {
+      stop.forEach((value, i) => {
+        if (value !== before[i]) words.push(one ? value.toFixed(digitsOf(channels[i].step)).replace("-", "−") : `${channels[i].name} ${told(i, value)}`);
+      });
+      before = stop;
+    }
+    return [one ? `${["0", ...words].join(" → ")} ${channels[0].unit}` : ["rest", ...words].join(" → ")];
+  }
+
   function drawPath() {
-    const most = Math.max(0.1, ...(path ? [...path.loading, ...path.unloading] : []), ...trail.map(([, y]) => y), shown?.reading.F_net ?? 0);
-    const step = round125(most / 4);
-    const series = path ? [
-      { kind: "up", points: path.u.map((x, i) => [x, path.loading[i]]) },
-      { kind: "down", points: path.u.map((x, i) => [x, path.unloading[i]]) },
-    ] : [];
-    const at = shown ? [{ kind: "here", x: shown.drive.at(-1), y: shown.F_net }, { kind: "there", x: shown.drive.at(-1), y: shown.reading.F_net }] : [];
+    const { name, unit } = chosen.sensor, channel = channels[chosen.channel], known = path?.key === pathKey() ? path : null;
+    const visited = trail.filter(({ commands }) => others(commands) === others(now())).map(({ commands, readings }) => [commands[chosen.channel], readings[name]]);
+    const value = guessed();
+    const all = [...(known ? [...known.loading, ...known.unloading] : []), ...visited].map(([, y]) => y).concat(value ?? 0, 0);
+    const most = Math.max(0.1, ...all), least = Math.min(0, ...all), step = round125((most - least) / 4);
+    const series = known ? [{ kind: "up", points: known.loading }, { kind: "down", points: known.unloading }] : [];
+    const marks = shown ? [{ kind: "here", x: here(), y: read(name) }] : [];
+    if (shown && value !== undefined) marks.push({ kind: "there", x: here(), y: value });
     chart({
-      x: [0, about.drive.largest], y: [0, Math.ceil((most * 1.02) / step) * step],
-      series: [...series, { kind: "trail", points: trail }], marks: at,
-      words: shown ? `${newtons(shown.F_net)} at u = ${here().toFixed(2)} N` : "",
+      labels: [`${channel.name} [${channel.unit}]`, `${name} [${unit}]`],
+      x: [channel.low, channel.high], y: [Math.floor((least * 1.02) / step) * step, Math.ceil((most * 1.02) / step) * step],
+      series: [...series, { kind: "trail", points: visited }], marks,
+      words: shown ? `${quantity(read(name), unit)} at ${channel.name} = ${told(chosen.channel, here())}` : "",
     });
   }
 
   async function rest() {
-    by("spoken").textContent = `u ${here().toFixed(2)} N: F net ${newtons(shown.F_net)}, estimated ${newtons(shown.reading.F_net)}, guard ${shown.guard.state}`;
-    if (path || stop) return;
-    stop = new AbortController();
-    const { signal } = stop;
-    by("path-note").textContent = "Solving the way up and down …";
+    const { name, unit } = chosen.sensor, value = guessed();
+    by("spoken").textContent = [`${channels[chosen.channel].name} ${told(chosen.channel, here())}: ${name} ${quantity(read(name), unit)}`,
+      ...(value === undefined ? [] : [`estimated ${quantity(value, unit)}`]), ...(shown.guard ? [`guard ${shown.guard.state}`] : [])].join(", ");
+    const key = pathKey();
+    if (path?.key === key || stop?.key === key) return;
+    stop?.abort();
+    stop = Object.assign(new AbortController(), { key });
+    const own = stop, channel = channels[chosen.channel];
+    by("path-note").textContent = "Solving the path up and down …";
     try {
-      path = await ask("/api/path", view, signal);
-      by("path-note").textContent = `${2 * path.u.length - 1} equilibria, 0 → 4 → 0 N in steps of ${path.u[1]} N; where the two differ the exosuit has snapped. Thin: where you have been. Open circle: estimate.`
-        + (path.stable ? "" : " At some actuations no stable pose was found.");
+      path = { ...await ask("/api/path", asked(), own.signal), key };
+      const ends = [0, channel.peak, path.unloading.at(-1)[0]].map((each) => String(each).replace("-", "−")).join(" → ");
+      by("path-note").textContent = `${path.loading.length + path.unloading.length - 1} equilibria, ${ends} ${channel.unit} in steps of ${path.step} ${channel.unit}; where the two differ the system has snapped. Thin: where you have been.`
+        + (estimates ? " Open circle: estimate." : "") + (path.stable ? "" : " At some commands no stable pose was found.");
       drawPath();
     } catch (error) {
       if (error.name !== "AbortError") problem(error.message);
     } finally {
-      if (stop?.signal === signal) stop = null;
+      if (stop === own) stop = null;
       document.dispatchEvent(new CustomEvent("path"));
     }
   }
 
-  function driveTo(value) {
-    const next = Math.round(value / about.drive.step) * about.drive.step;
+  function driveTo(i, value) {
+    const { step } = channels[i], next = Number((Math.round(value / step) * step).toPrecision(9));
     if (view.drive.length > LONGEST_WAY && !busy) view.drive = [];
-    const [last, before] = [view.drive.at(-1), view.drive.at(-2)];
-    // Not yet sent, and the same way: one drive.
-    if (view.drive.length > Math.max(sent, 1) && (next - last) * (last - before) >= 0) view.drive[view.drive.length - 1] = next;
-    else if (next !== last) view.drive.push(next);
-    showU();
+    const last = now(), before = view.drive.at(-2) ?? channels.map(() => 0);
+    const stopThere = last.map((each, k) => (k === i ? next : each));
+    // Not yet sent, and further along the same move: one stop.
+    const onward = last.every((each, k) => k === i || each === before[k]) && (next - last[i]) * (last[i] - before[i]) >= 0;
+    if (view.drive.length > sent && onward) view.drive[view.drive.length - 1] = stopThere;
+    else if (next !== last[i]) view.drive.push(stopThere);
+    showCommands();
     update();
   }
 
-  function showU() {
-    u.value = here();
-    u.setAttribute("aria-valuetext", newtons(here(), 2));
-    by("u-value").textContent = newtons(here(), 2);
+  function channelRow(channel, i) {
+    const id = `channel-${channel.name}`;
+    const range = html("input", { type: "range", id, min: channel.low, max: channel.high, step: channel.step, "aria-describedby": "way-note" });
+    const output = html("output", { id: `${id}-value`, for: id });
+    range.addEventListener("input", () => driveTo(i, Number(range.value)));
+    by("drive").append(html("div", { class: "channel" }, html("label", { for: id }, "Command ", ...named(channel.name)), range, output));
+    return { range, output };
   }
 
-  /** Another exosuit: its way begins at rest, and its path is not known. */
-  function changed(name, value) {
-    view[name] = value;
-    view.drive = [here()];
+  function showCommands() {
+    now().forEach((value, i) => {
+      rows[i].range.value = value;
+      rows[i].range.setAttribute("aria-valuetext", told(i, value));
+      rows[i].output.textContent = told(i, value);
+    });
+    const { peak } = channels[chosen.channel];
+    by("sweep").textContent = sweeping ? "Stop" : "Drive up and down";
+    by("falling").textContent = `falling from ${told(chosen.channel, peak)}`;
+  }
+
+  /** Another system: it is driven anew from rest, and its path is not known. */
+  function redesigned(key, value) {
+    view.design[key] = value;
+    view.drive = [now()];
     sent = 0;
-    exosuit++;
+    changes++;
     stop?.abort();
-    stop = path = null;
     trail = [];
     update();
   }
 
-  function build() {
-    const family = about.families.find((each) => each.name === view.family);
-    const parameters = family.parameters.map((spec, i) => slider({ ...spec, start: view.parameters[i] }, (value) => {
-      const all = [...view.parameters];
-      all[i] = value;
-      changed("parameters", all);
-    }).element);
-    const choice = pick("Family", about.families, view.family, (name) => {
-      view.parameters = about.families.find((each) => each.name === name).parameters.map((each) => each.start);
-      changed("family", name);
+  /** Sliders of a design's values; one of a list's numbers keeps the others. */
+  function designSliders(specs) {
+    return specs.map((spec) => {
+      const own = spec.place ?? null, start = own === null ? view.design[spec.key] : view.design[spec.key][own];
+      return slider({ ...spec, start }, (value) => redesigned(spec.key, own === null ? value : view.design[spec.key].map((each, i) => (i === own ? value : each)))).element;
+    });
+  }
+
+  function kinds({ key, label, options }) {
+    const chosenNow = options.find(({ name }) => name === view.design[key]);
+    const choice = pick(label, options, view.design[key], (name) => {
+      for (const { key: other, place, start } of options.find((each) => each.name === name).sliders) {
+        if (!place) view.design[other] = place === 0 ? [] : start;
+        if (place !== null) view.design[other][place] = start;
+      }
+      redesigned(key, name);
       build();
       by("settings").querySelector("select").focus();
     });
-    const sliders = (name, then) => about.groups[name].map((spec) => slider({ ...spec, start: view[spec.key] }, (value) => then(spec.key, value)).element);
-    const looked = (key, value) => { view[key] = value; update(); };
+    return [choice, ...designSliders(chosenNow.sliders)];
+  }
+
+  function build() {
+    const looked = (key, value) => { view.look[key] = value; update(); };
+    const looks = about.look.map((spec) => slider({ ...spec, start: view.look[spec.key] }, (value) => looked(spec.key, value)).element);
     by("settings").replaceChildren(
-      group("Exosuit", choice, ...parameters, ...sliders("Exosuit", changed)),
-      group("Finger", ...sliders("Finger", changed)),
-      group("Camera", ...sliders("Camera", looked), pick("Corruption", about.corruptions, view.corruption, (name) => looked("corruption", name))));
+      ...about.design.map(({ name, choice, sliders }) => group(name, ...(choice ? kinds(choice) : []), ...designSliders(sliders))),
+      group("Camera", ...looks, pick("Corruption", about.corruptions, view.look.corruption, (name) => looked("corruption", name))));
+  }
+
+  /** Which sensor is charted over which channel. */
+  function choices() {
+    const sensor = pick("Sensor", sensors.map(({ name }) => ({ name, label: name })), chosen.sensor.name, (name) => {
+      chosen.sensor = sensors.find((each) => each.name === name);
+      rechosen();
+    });
+    const channel = pick("Channel", channels.map(({ name }) => ({ name, label: name })), channels[0].name, (name) => {
+      if (sweeping) sweep();
+      chosen.channel = channels.findIndex((each) => each.name === name);
+      rechosen();
+    });
+    by("choices").append(sensor, ...(channels.length > 1 ? [channel] : []));
+  }
+
+  function rechosen() {
+    title();
+    showCommands();
+    if (!shown) return;
+    facts();
+    drawPath();
+    rest();
+  }
+
+  function title() {
+    for (const each of document.querySelectorAll(".chosen-sensor")) each.replaceChildren(...named(chosen.sensor.name));
+    by("path-title").replaceChildren(...named(chosen.sensor.name), " over ", ...named(channels[chosen.channel].name));
   }
 
   function sweep() {
-    if (sweeping) { clearInterval(sweeping); sweeping = 0; by("sweep").textContent = "Drive up and down"; return; }
-    let direction = here() >= about.drive.largest ? -1 : 1;
-    by("sweep").textContent = "Stop";
+    if (sweeping) { clearInterval(sweeping); sweeping = 0; showCommands(); return; }
+    const { step, peak } = channels[chosen.channel], up = Math.sign(peak);
+    let direction = here() === peak ? -up : up;
     sweeping = setInterval(() => {
       if (busy) return;
-      driveTo(Math.min(about.drive.largest, Math.max(0, here() + direction * about.drive.step)));
-      if (here() >= about.drive.largest) direction = -1;
-      else if (here() <= 0) sweep();
+      const next = here() + direction * step;
+      driveTo(chosen.channel, up > 0 ? Math.min(peak, Math.max(0, next)) : Math.max(peak, Math.min(0, next)));
+      if (Math.abs(here() - peak) < step / 2) direction = -up;
+      else if (Math.abs(here()) < step / 2 && direction === -up) sweep();
     }, 40);
+    showCommands();
   }
 
-  async function save(name) {
-    try { download(await file(`/api/save/${name}`, view), `exosight-${name}`); } catch (error) { problem(error.message); }
+  async function save(name, settings) {
+    try { download(await file(`/api/save/${name}`, settings), `exosight-${name}`); } catch (error) { problem(error.message); }
   }
 
-  u.min = 0; u.max = about.drive.largest; u.step = about.drive.step;
-  u.addEventListener("input", () => driveTo(Number(u.value)));
   by("settings").addEventListener("submit", (event) => event.preventDefault());
   by("sweep").addEventListener("click", sweep);
   by("save-figure").addEventListener("click", () => download(standalone(pose.drawing), "exosight-pose.svg"));
-  by("save-picture").addEventListener("click", () => save("picture.png"));
-  by("save-forces").addEventListener("click", () => save("forces.csv"));
-  by("save-path").addEventListener("click", () => save("path.csv"));
+  by("save-picture").addEventListener("click", () => save("picture.png", view));
+  by("save-readings").addEventListener("click", () => save("readings.csv", view));
+  by("save-path").addEventListener("click", () => save("path.csv", asked()));
   by("copy").addEventListener("click", async () => {
     by("command").select();
     try { await navigator.clipboard.writeText(by("command").value); by("spoken").textContent = "Copied"; } catch { /* it stays selected */ }
     by("copy").textContent = "Copied";
     setTimeout(() => { by("copy").textContent = "Copy"; }, 1200);
   });
+  by("system").textContent = about.system;
+  by("pose-legend").prepend(...tubeLegend(about));
+  for (const each of document.querySelectorAll(".estimates")) each.hidden = !estimates;
+  by("no-estimates").hidden = estimates;
+  by("no-estimates").textContent = estimates ? "" : `${about.network.refusal[0].toUpperCase()}${about.network.refusal.slice(1)}.`;
   build();
-  showU();
+  choices();
+  title();
+  showCommands();
   update();
   return { view, seen: () => shown };
 }

@@ -1,42 +1,73 @@
 // The second tab: one run of the closed loop, played while it is worked out, then scrubbed.
 
-import { lines } from "./api.js";
+import { ask, lines } from "./api.js";
 import { lineChart } from "./charts.js";
 import { pick, slider } from "./controls.js";
 import { scene } from "./scene.js";
-import { by, download, html, newtons, round125 } from "./svg.js";
+import { by, digitsOf, download, html, named, quantity, round125 } from "./svg.js";
 
 const PERIOD = 100;  // ms a step
 
 export function loop(about, view, seen, problem) {
-  const run = { target: about.run.target.start, law: "scheduled", gain: about.run.gain.start, sensor: "network", disturbance: "none" };
-  const pose = scene(by("loop-pose"));
-  const force = lineChart(by("loop-chart"), "Force over time", "time [s]", "force [N]");
-  const drive = lineChart(by("loop-u-chart"), "Actuation over time", "time [s]", "u [N]");
-  let steps = [], at = 0, playing = 0, stop = null;
+  const { channels } = about;
+  const run = {
+    sensor: about.controlled, channel: channels[0].name, target: about.run.target.start, law: about.run.laws[0].name,
+    gain: about.run.gain.start, measured: about.run.measured[0].name, disturbance: about.run.disturbances[0].name,
+  };
+  const pose = scene(by("loop-pose"), about);
+  const value = lineChart(by("loop-chart")), drive = lineChart(by("loop-u-chart"));
+  let steps = [], ran = run, at = 0, playing = 0, stop = null, aiming = null, aimed = "";
 
-  const gain = slider(about.run.gain, (value) => { run.gain = value; });
+  const unitOf = (name) => about.sensors.find((each) => each.name === name).unit;
+  const channelOf = (name) => channels.find((each) => each.name === name);
+  const measured = (step) => step.reading?.estimates[ran.sensor]?.value;
+  const target = html("div", {});
+  const gain = slider(about.run.gain, (to) => { run.gain = to; });
   const start = html("button", { type: "submit", class: "main" }, "Run");
   const offer = () => { gain.element.hidden = run.law !== "proportional"; };
+  const list = (label, names, key) => pick(label, names.map((name) => ({ name, label: name })), run[key], (name) => { run[key] = name; aim(); });
+
+  function aimAt(spec) {
+    run.target = spec.start;
+    target.replaceChildren(slider({ ...spec, label: `Target ${run.sensor}`, unit: unitOf(run.sensor) }, (to) => { run.target = to; }).element);
+  }
+
+  /** Between which limits the target may lie: the path of the sensor over the channel tells. */
+  async function aim() {
+    aiming?.abort();
+    aiming = new AbortController();
+    const key = `${run.sensor} ${run.channel}`;
+    if (key === aimed) return;
+    try {
+      const settings = { view: { ...view, drive: [] }, channel: run.channel, sensor: run.sensor };
+      aimAt({ ...about.run.target, ...(await ask("/api/path", settings, aiming.signal)).target });
+      aimed = key;
+    } catch (error) {
+      if (error.name !== "AbortError") problem(error.message);
+    }
+  }
+
+  aimAt(about.run.target);
   by("loop-settings").append(
-    slider(about.run.target, (value) => { run.target = value; }).element,
+    list("Sensor", about.controllable, "sensor"), ...(channels.length > 1 ? [list("Channel", channels.map(({ name }) => name), "channel")] : []),
+    target,
     pick("Law", about.run.laws, run.law, (name) => { run.law = name; offer(); }), gain.element,
-    pick("Sensor", about.run.sensors, run.sensor, (name) => { run.sensor = name; }),
+    pick("Measured by", about.run.measured, run.measured, (name) => { run.measured = name; }),
     pick("Disturbance", about.run.disturbances, run.disturbance, (name) => { run.disturbance = name; }), start);
   offer();
+  document.addEventListener("tab", (event) => { if (event.detail === "loop") aim(); });
 
   by("loop-settings").addEventListener("submit", async (event) => {
     event.preventDefault();
     stop?.abort();
     stop = new AbortController();
     const { signal } = stop;
-    steps = []; at = 0;
+    steps = []; at = 0; ran = { ...run };
+    titles();
     start.textContent = "Working …";
-    by("loop-note").textContent = run.law === "scheduled" ? "The law learns the paths of this exosuit first, which takes seconds …" : "";
-    let asked;
+    by("loop-note").textContent = run.law === "scheduled" ? "The law learns the paths of this system first, which takes seconds …" : "";
     try {
-      asked = { view: { ...view, drive: [0] }, ...run };
-      for await (const step of lines("/api/trial", asked, signal)) {
+      for await (const step of lines("/api/trial", { view: { ...view, drive: [] }, ...run }, signal)) {
         if (step.error) throw new Error(step.error);
         steps.push(step);
         if (steps.length === 1) { by("loop-note").textContent = ""; play(); }
@@ -52,6 +83,11 @@ export function loop(about, view, seen, problem) {
       document.dispatchEvent(new CustomEvent("run"));
     }
   });
+
+  function titles() {
+    for (const each of document.querySelectorAll(".loop-sensor")) each.replaceChildren(...named(ran.sensor));
+    for (const each of document.querySelectorAll(".loop-channel")) each.replaceChildren(...named(ran.channel));
+  }
 
   function play() {
     if (playing) return pause();
@@ -79,13 +115,13 @@ export function loop(about, view, seen, problem) {
 
   function show(index) {
     at = index;
-    const step = steps[index];
+    const step = steps[index], unit = unitOf(ran.sensor), channel = channelOf(ran.channel);
     pose.draw(step.scene);
     picture(step.image, `Camera image at ${step.time.toFixed(1)} s`);
-    by("loop-target").textContent = newtons(step.target);
-    by("loop-true").textContent = newtons(step.F_net);
-    by("loop-measured").textContent = step.reading ? newtons(step.reading.F_net) : "none";
-    by("loop-u").textContent = newtons(step.u, 2);
+    by("loop-target").textContent = quantity(step.target, unit);
+    by("loop-true").textContent = quantity(step.readings[ran.sensor], unit);
+    by("loop-measured").textContent = measured(step) === undefined ? "none" : quantity(measured(step), unit);
+    by("loop-u").textContent = quantity(step.command, channel.unit, digitsOf(channel.step));
     by("loop-guard").textContent = step.guard ? step.guard.state : "no guard";
     by("loop-guard").className = `state ${step.guard?.state ?? ""}`;
     by("loop-note").textContent = step.guard ? `Guard: ${step.guard.cause}.` : "The paper's law has no guard.";
@@ -96,27 +132,34 @@ export function loop(about, view, seen, problem) {
   }
 
   function charts() {
-    const end = Math.max(6, steps.at(-1)?.time ?? 0);
-    const values = steps.flatMap((step) => [step.F_net, step.target, step.reading?.F_net ?? 0]);
-    const most = Math.max(0.1, ...values), tick = round125(most / 4);
+    const end = Math.max(6, steps.at(-1)?.time ?? 0), unit = unitOf(ran.sensor), channel = channelOf(ran.channel);
+    const values = steps.flatMap((step) => [step.readings[ran.sensor], step.target, measured(step) ?? 0]);
     const cursor = steps[at]?.time;
-    const wrong = ["none", "softer"].includes(run.disturbance) ? [] : [{ kind: "wrong", from: 2, to: 3 }];
+    const wrong = ["none", "softer"].includes(ran.disturbance) ? [] : [{ kind: "wrong", from: 2, to: 3 }];
     by("wrong-key").hidden = !wrong.length;
-    force({
-      x: [0, end], y: [0, Math.ceil((most * 1.02) / tick) * tick], cursor, bands: wrong,
+    value({
+      labels: ["time [s]", `${ran.sensor} [${unit}]`],
+      x: [0, end], y: scaled(Math.min(0, ...values), Math.max(0.1, ...values) * 1.02), cursor, bands: wrong,
       series: [
         { kind: "target", points: steps.map((step) => [step.time, step.target]), steps: true },
-        { kind: "true", points: steps.map((step) => [step.time, step.F_net]) },
-        { kind: "measured", points: steps.map((step) => [step.time, step.reading?.F_net ?? null]) },
+        { kind: "true", points: steps.map((step) => [step.time, step.readings[ran.sensor]]) },
+        { kind: "measured", points: steps.map((step) => [step.time, measured(step) ?? null]) },
       ],
-      words: steps[at] ? `${newtons(steps[at].F_net)} for a target of ${newtons(steps[at].target)} at ${cursor} s` : "",
+      words: steps[at] ? `${quantity(steps[at].readings[ran.sensor], unit)} for a target of ${quantity(steps[at].target, unit)} at ${cursor} s` : "",
     });
-    const all = steps.map((step) => step.u), high = Math.max(1, ...all), low = Math.min(0, ...all), by_ = round125((high - low) / 4);
+    const all = steps.map((step) => step.command);
     drive({
-      x: [0, end], y: [Math.floor(low / by_) * by_, Math.ceil(high / by_) * by_], cursor,
+      labels: ["time [s]", `${ran.channel} [${channel.unit}]`],
+      x: [0, end], y: scaled(Math.min(0, ...all), Math.max(Math.abs(channel.peak) / 4, ...all)), cursor,
       bands: [...wrong, ...bands()],
-      series: [{ kind: "ink", points: steps.map((step) => [step.time, step.u]), steps: true }],
+      series: [{ kind: "ink", points: steps.map((step) => [step.time, step.command]), steps: true }],
     });
+  }
+
+  /** Limits of an axis that end on its ticks. */
+  function scaled(low, high) {
+    const tick = round125((high - low) / 4);
+    return [Math.floor(low / tick + 1e-9) * tick, Math.ceil(high / tick - 1e-9) * tick];
   }
 
   /** Stretches of time in which the guard's state was not normal. */
@@ -131,6 +174,13 @@ export function loop(about, view, seen, problem) {
     return found;
   }
 
+  function table() {
+    const unit = unitOf(ran.sensor), channel = channelOf(ran.channel);
+    const head = `time [s],target [${unit}],${ran.sensor} true [${unit}],${ran.sensor} measured [${unit}],${ran.channel} [${channel.unit}],guard,cause\n`;
+    return head + steps.map((step) => [step.time, step.target, step.readings[ran.sensor], measured(step) ?? "", step.command,
+      step.guard?.state ?? "", `"${(step.guard?.cause ?? "").replaceAll('"', '""')}"`].join(",")).join("\n") + "\n";
+  }
+
   /** Until something has run, what the first tab shows. */
   document.addEventListener("shown", () => {
     if (steps.length || !seen()) return;
@@ -139,11 +189,7 @@ export function loop(about, view, seen, problem) {
   });
   by("play").addEventListener("click", play);
   by("time").addEventListener("input", () => { if (playing) pause(); show(Number(by("time").value)); });
-  by("save-run").addEventListener("click", () => {
-    const head = "time [s],target [N],F_net true [N],F_net measured [N],u [N],guard,cause\n";
-    const rows = steps.map((step) => [step.time, step.target, step.F_net, step.reading?.F_net ?? "", step.u,
-      step.guard?.state ?? "", `"${(step.guard?.cause ?? "").replaceAll('"', '""')}"`].join(","));
-    download(new Blob([head + rows.join("\n") + "\n"], { type: "text/csv" }), "exosight-run.csv");
-  });
+  by("save-run").addEventListener("click", () => download(new Blob([table()], { type: "text/csv" }), "exosight-run.csv"));
+  titles();
   charts();
 }

@@ -16,6 +16,7 @@ function choose(tab, focus = true) {
     by(each.getAttribute("aria-controls")).hidden = !chosen;
   }
   if (focus) tab.focus();
+  document.dispatchEvent(new CustomEvent("tab", { detail: tab.getAttribute("aria-controls") }));
 }
 
 tabs.forEach((tab, i) => {
@@ -54,7 +55,7 @@ try {
   const known = await about();
   const { view, seen } = explore(known, problem);
   loop(known, view, seen, problem);
-  estimate();
+  estimate(known.network);
 } catch (error) {
   by("status").hidden = true;
   problem(error.message);

@@ -16,7 +16,17 @@ export function html(tag, attributes = {}, ...children) {
   return made;
 }
 
-export const newtons = (value, digits = 3) => `${value.toFixed(digits).replace("-", "−")} N`;
+/** A number with its unit. */
+export const quantity = (value, unit, digits = 3) => `${value.toFixed(digits).replace("-", "−")} ${unit}`;
+
+/** As many digits as a step has. */
+export const digitsOf = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+
+/** A name as it is printed: what follows a single letter and "_" is its index. */
+export function named(name) {
+  const [, letter, index] = name.match(/^([A-Za-z])_(\w+)$/) ?? [];
+  return index ? [letter, html("sub", {}, index)] : [name];
+}
 
 /** The least of 1, 2, 5 × 10ⁿ that is not below a value. */
 export function round125(value) {

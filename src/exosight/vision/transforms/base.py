@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -22,12 +22,20 @@ TURN = 2 * np.pi
 class Transform(Protocol):
     """One thing that may become of a picture."""
 
-    columns: ClassVar[Mapping[str, float]]
-    """Its numbers by name, each with the value that does nothing."""
-    switches: ClassVar[tuple[str, ...]]
-    """Those of its columns by which it acts: on frames where one of them differs from that value."""
-    separates: ClassVar[bool]
-    """Whether it must tell the bodies from what is behind them."""
+    @property
+    def columns(self) -> Mapping[str, float]:
+        """Its numbers by name, each with the value that does nothing."""
+        ...
+
+    @property
+    def switches(self) -> tuple[str, ...]:
+        """Those of its columns by which it acts: on frames where one of them differs from that value."""
+        ...
+
+    @property
+    def separates(self) -> bool:
+        """Whether it must tell the bodies from what is behind them."""
+        ...
 
     def draw(self, limits: AppearanceVariation, draws: "Draws") -> dict[str, Column]:
         """Its columns for some frames."""

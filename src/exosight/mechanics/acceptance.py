@@ -1,0 +1,184 @@
+"""What a trial point of the quasi-static path is: a state to go on from, the end of a branch, or nothing."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+from jax.scipy.linalg import cho_solve
+from jaxtyping import Array, Bool, Float, Int
+
+from exosight.arrays import AnyArray
+from exosight.mechanics import branch
+from exosight.mechanics.continuation_state import ALONG, TO_LOAD, ContinuationState
+from exosight.mechanics.energy import Evaluation
+from exosight.mechanics.metric import Metric
+
+LONGEST = 0.25
+"""Longest step along a branch, relative to `Metric.range`."""
+
+ROUGH = 1e-7
+"""Residual of points on the way, where nobody has asked for the equilibrium."""
+
+CONTRACTION = 0.6
+"""Newton steps along a branch get shorter by this at least."""
+
+CORRECTIONS = 10
+"""Newton steps before a step along the branch is taken back."""
+
+
+class Problem(NamedTuple):
+    """What stays the same on the whole path; `conservative`: Π exists."""
+
+    metric: Metric
+    conservative: bool
+    tolerance: Float[AnyArray, ""]
+    max_iterations: Int[AnyArray, ""]
+
+
+class Segment(NamedTuple):
+    """The present segment of loads, to load number `state.load` of `count`.
+
+    origin, target, span   where it begins and ends, and target − origin [N]
+    following              the span of the next one [N]
+    """
+
+    origin: Float[AnyArray, " channels"]
+    target: Float[AnyArray, " channels"]
+    span: Float[AnyArray, " channels"]
+    following: Float[AnyArray, " channels"]
+    count: Int[AnyArray, ""]
+
+    @staticmethod
+    def of(state: ContinuationState, loads: AnyArray, count: AnyArray) -> "Segment":
+        """That on which a robot is."""
+        target = loads[jnp.minimum(state.load, count - 1)]
+        after = loads[jnp.minimum(state.load + 1, count - 1)]
+        return Segment(state.origin, target, target - state.origin, after - target, count)
+
+    def load(self, t: AnyArray) -> Float[Array, " channels"]:
+        """The load at t, to the last digit at its end."""
+        return jnp.where(t >= 1, self.target, self.origin + t * self.span)
+
+
+class Point(NamedTuple):
+    """The point that the next step is taken from, and its linear algebra.
+
+    newton       −(∇²Π)⁻¹ ∇Π
+    response     dq/du of each channel
+    stable       ∇²Π is positive definite; true without an energy
+    converged    the residual is within tolerance
+    """
+
+    q: Float[Array, " dofs"]
+    here: Evaluation
+    residual: Float[Array, ""]
+    newton: Float[Array, " dofs"]
+    response: Float[Array, "dofs channels"]
+    stable: Bool[Array, ""]
+    converged: Bool[Array, ""]
+
+
+def linearise(
+    problem: Problem, q: Float[Array, " dofs"], here: Evaluation, residual: Float[Array, ""]
+) -> Point:
+    """Newton's step and the response to loads at q, from one factorisation."""
+    metric, tolerance = problem.metric, problem.tolerance
+    right = jnp.concatenate([here.gradient[:, None], here.load_gradient.T], axis=1)
+    if problem.conservative:
+        factor = jnp.linalg.cholesky(here.hessian)
+        stable = jnp.all(jnp.isfinite(factor))
+        solved = -cho_solve((jnp.where(stable, factor, metric.factor), True), right)
+    else:  # no energy whose minimum it could be: any solution of the equations will do
+        stable = jnp.array(True)
+        solved = -jnp.linalg.solve(here.hessian, right)
+    newton = solved[:, 0]
+    small = metric.size(newton) <= 10 * tolerance * (metric.size(q) + metric.unit)
+    converged = (residual < tolerance) & (small | ~stable)
+    return Point(q, here, residual, newton, solved[:, 1:], stable, converged)
+
+
+class Verdict(NamedTuple):
+    """What the point is.
+
+    arrived   a stable equilibrium to go on from; `at_load`: at the load that was aimed at; `lost`: given up
+    failed    the trial (TO_LOAD, ALONG) is to be taken back
+    passed    ALONG: the load aimed at lies before this point
+    unstable  ALONG: the branch has turned back, so the point is unstable
+    corner    how far from the anchor (in t, or in s if ALONG) the two pieces of the branch meet between
+              which Newton's method goes back and forth; otherwise infinite
+    tangent   dq/dt, or dq/ds if ALONG
+    """
+
+    arrived: Bool[Array, ""]
+    at_load: Bool[Array, ""]
+    lost: Bool[Array, ""]
+    failed: Bool[Array, ""]
+    passed: Bool[Array, ""]
+    unstable: Bool[Array, ""]
+    corner: Float[Array, ""]
+    tangent: Float[Array, " dofs"]
+    bordered: branch.Bordered
+
+
+def judge(state: ContinuationState, problem: Problem, segment: Segment, point: Point) -> Verdict:
+    """What the trial point of each phase has turned out to be."""
+    metric, anchor = problem.metric, state.anchor
+    to_load, along = state.phase == TO_LOAD, state.phase == ALONG
+    # Newton's method at this load …
+    dt = state.t - anchor.t
+    change = point.q - anchor.q
+    by_load = point.response @ segment.span
+    like = ~branch.unlike(metric, change, anchor.tangent * dt, by_load * dt, point.q)
+    rough = to_load & (state.t < 1) & (point.residual < ROUGH)
+    settled = (point.converged | rough) & point.stable
+    # … and along the branch.
+    by_t = segment.span @ point.here.load_gradient
+    solved = branch.bordered(metric, anchor, point.q, point.here, by_t, state.s)
+    unit = anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300)
+    alike = ~branch.unlike(metric, change, unit * state.s, solved.dq * state.s, point.q)
+    tangent = jnp.where(along, solved.dq, by_load)
+    correction = jnp.where(along, solved.q, point.newton)
+    circling, corner = _two_cycle(state, metric, correction, tangent, jnp.where(along, state.s, dt))
+
+    hopeless = (
+        ~(metric.size(correction) <= LONGEST * metric.range(anchor.q))
+        | circling
+        | (state.tries + 1 >= CORRECTIONS)
+        | ~jnp.isfinite(point.residual)
+    )
+    on_branch = point.residual < ROUGH
+    rising, turned = point.stable & (solved.dt > 0), solved.dt < 0
+    good = along & on_branch & alike
+    onwards = jnp.where(along, good & rising & (state.t < 1), settled)
+    arrived = jnp.where(to_load, settled & like, onwards)
+    failed = jnp.where(
+        to_load,
+        jnp.where(settled, ~like, ~point.stable | hopeless),
+        along & jnp.where(on_branch, ~(alike & (rising | turned)), hopeless),
+    )
+    at_load = arrived & (state.t >= 1)
+    lost = ~at_load & (state.steps + 1 >= problem.max_iterations)
+    if not problem.conservative:
+        lost = lost | (to_load & failed & (dt < 1e-5))
+    passed = good & rising & (state.t >= 1)
+    return Verdict(arrived, at_load, lost, failed, passed, good & turned, corner, tangent, solved)
+
+
+def _two_cycle(
+    state: ContinuationState,
+    metric: Metric,
+    correction: Float[Array, " dofs"],
+    tangent: Float[Array, " dofs"],
+    place: Float[Array, ""],
+) -> tuple[Bool[Array, ""], Float[Array, ""]]:
+    """Whether Newton's method goes back and forth, and where the two pieces meet it goes between.
+
+    It does where no equilibrium is near: each piece, of one set of contacts, has its own beyond the corner
+    in which they meet. `place` is where in t or s it goes on.
+    """
+    before, length = state.previous
+    bend = before - tangent
+    weighed = metric.matrix @ bend
+    back = (weighed @ correction) / jnp.maximum(weighed @ bend, 1e-300)
+    circling = (state.tries > 0) & (metric.size(correction) > CONTRACTION * length)
+    corner = circling & (place + back > 0) & (back < 0)
+    return circling, jnp.where(corner, place + back, jnp.inf)

@@ -1,0 +1,123 @@
+"""Where one robot is on its quasi-static path, and what has been found on it so far."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from exosight.arrays import AnyArray
+from exosight.mechanics.branch import Anchor, Beyond
+from exosight.mechanics.descent import Descent
+from exosight.mechanics.energy import Evaluation
+
+TO_LOAD, ALONG, DESCEND = 0, 1, 2
+"""Phases: Newton's method at a given load, at a given length along the branch, and descent."""
+
+SNAPS = 16
+"""Room for snaps; a path is handed back when half of it is used, and may use the rest until it is."""
+
+
+class Records(NamedTuple):
+    """What was found at each load, and at each snap.
+
+    snap_step     the load on the way to which it snapped
+    snap_load     the load of the snap; `before` and `after` the poses there, and the energy set free [J]
+    """
+
+    q: Float[AnyArray, "loads dofs"]
+    hessian: Float[AnyArray, "loads dofs dofs"]
+    energy: Float[AnyArray, " loads"]
+    residual: Float[AnyArray, " loads"]
+    iterations: Int[AnyArray, " loads"]
+    converged: Bool[AnyArray, " loads"]
+    snapped: Bool[AnyArray, " loads"]
+    tied: Bool[AnyArray, " loads"]
+    load: Float[AnyArray, "loads channels"]
+    snap_step: Int[AnyArray, " snaps"]
+    snap_load: Float[AnyArray, "snaps channels"]
+    before: Float[AnyArray, "snaps dofs"]
+    after: Float[AnyArray, "snaps dofs"]
+    released: Float[AnyArray, " snaps"]
+
+
+class ContinuationState(NamedTuple):
+    """Where one robot is.
+
+    load, steps    index of the load it is on the way to (their number once done), evaluations spent on that
+    snaps          how many are in `records`
+    phase, tries   see TO_LOAD …, and evaluations spent on the present trial
+    origin         loads at the start of the present segment [N]
+    q, t           trial point: pose, and where on the segment
+    s, growth      length along the branch that is aimed at (ALONG), and how much longer the next may be
+    previous       of the Newton step before: the tangent there, and the length of its correction
+    snap           the present descent is from the end of a branch, from energy `start` [J]
+    nudge          how far past the end of the branch the next descent is to begin, in units of what counts
+    snapped, tied  since the last load
+    """
+
+    load: Int[AnyArray, ""]
+    steps: Int[AnyArray, ""]
+    snaps: Int[AnyArray, ""]
+    phase: Int[AnyArray, ""]
+    tries: Int[AnyArray, ""]
+    origin: Float[AnyArray, " channels"]
+    anchor: Anchor
+    beyond: Beyond
+    descent: Descent
+    q: Float[AnyArray, " dofs"]
+    t: Float[AnyArray, ""]
+    s: Float[AnyArray, ""]
+    growth: Float[AnyArray, ""]
+    previous: tuple[Float[AnyArray, " dofs"], Float[AnyArray, ""]]
+    snap: Bool[AnyArray, ""]
+    start: Float[AnyArray, ""]
+    nudge: Float[AnyArray, ""]
+    snapped: Bool[AnyArray, ""]
+    tied: Bool[AnyArray, ""]
+    records: Records
+
+
+def begin(q: Float[AnyArray, " dofs"], origin: Float[AnyArray, " channels"], room: int) -> ContinuationState:
+    """A robot at pose q and loads `origin` with room for so many loads; in NumPy, filled in from Python."""
+    n, channels = len(q), len(origin)
+    zeros: Any = np.zeros
+    whole, flag, one = zeros((), int), zeros((), bool), zeros(())
+    nothing = Evaluation(one, zeros(n), zeros((n, n)), zeros(channels), zeros((channels, n)))
+    q = zeros(n) + q
+    return ContinuationState(
+        load=whole,
+        steps=whole,
+        snaps=whole,
+        phase=whole + DESCEND,
+        tries=whole,
+        origin=zeros(channels) + origin,
+        anchor=Anchor(q, one, zeros(n), one),
+        beyond=Beyond(flag, zeros(n), one, zeros(n), one, whole),
+        descent=Descent(q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, ~flag),
+        q=q,
+        t=one,
+        s=one,
+        growth=one + 2,
+        previous=(zeros(n), one + np.inf),
+        snap=flag,
+        start=one,
+        nudge=one + 1,
+        snapped=flag,
+        tied=flag,
+        records=Records(
+            q=zeros((room, n)),
+            hessian=zeros((room, n, n)),
+            energy=zeros(room),
+            residual=zeros(room),
+            iterations=zeros(room, int),
+            converged=zeros(room, bool),
+            snapped=zeros(room, bool),
+            tied=zeros(room, bool),
+            load=zeros((room, channels)),
+            snap_step=zeros(SNAPS, int),
+            snap_load=zeros((SNAPS, channels)),
+            before=zeros((SNAPS, n)),
+            after=zeros((SNAPS, n)),
+            released=zeros(SNAPS),
+        ),
+    )

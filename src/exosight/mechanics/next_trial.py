@@ -1,0 +1,212 @@
+"""The next trial point of the quasi-static path: what comes next, where that begins, or how it goes on."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from exosight.mechanics import branch
+from exosight.mechanics.acceptance import LONGEST, Point, Problem, Verdict
+from exosight.mechanics.branch import NEGLIGIBLE, Beyond, Bracket
+from exosight.mechanics.continuation_state import ALONG, DESCEND, TO_LOAD, ContinuationState
+from exosight.mechanics.descent import Descent
+
+PUSH = 0.003
+"""First step from the end of a branch, along the tangent there, and first trust radius of the descent;
+relative to `Metric.range`."""
+
+MARGIN = 0.02
+"""How far before a corner to look for the last equilibrium first, relative to the way there."""
+
+
+class Directions(NamedTuple):
+    """Where the point's linear algebra leads.
+
+    correction   Newton's step, at a load or along the branch
+    flow         the step of the descent, and 1/h of it; `accepted`: to be taken, from a point accepted
+    free         how much of the direction taken from here (the tangent, if arrived) before a gap closes
+    by_t         ∂∇Π/∂t
+    """
+
+    correction: Float[Array, " dofs"]
+    flow: Float[Array, " dofs"]
+    shift: Float[Array, ""]
+    accepted: Bool[Array, ""]
+    free: Float[Array, ""]
+    by_t: Float[Array, " dofs"]
+
+
+class Plan(NamedTuple):
+    """What comes next; if none of the first three, what was begun goes on.
+
+    to_load, along, descend   which phase begins
+    goal                      t of TO_LOAD
+    s, from_end               length of ALONG; it begins at `look` of the end of the branch
+    past                      t of the descent
+    failed, at_corner         the last trial is taken back, to before a corner
+    """
+
+    to_load: Bool[Array, ""]
+    along: Bool[Array, ""]
+    descend: Bool[Array, ""]
+    goal: Float[Array, ""]
+    s: Float[Array, ""]
+    look: Bracket
+    from_end: Bool[Array, ""]
+    past: Float[Array, ""]
+    failed: Bool[Array, ""]
+    at_corner: Bool[Array, ""]
+
+
+def next_trial(
+    state: ContinuationState, problem: Problem, point: Point, verdict: Verdict, ways: Directions
+) -> ContinuationState:
+    """The state with the next trial point."""
+    metric = problem.metric
+    reach = jnp.where(verdict.arrived, ways.free, state.anchor.reach)
+    anchor = state.anchor._replace(reach=reach)
+    state = state._replace(anchor=anchor)
+    scale = metric.size(anchor.q) + metric.unit
+    narrow = NEGLIGIBLE * scale / jnp.maximum(metric.force(ways.by_t), 1e-300)
+    beyond = _beyond(state, point, verdict)
+    look = branch.bracket(metric, anchor, beyond, narrow)
+    plan = _plan(state, problem, verdict, beyond.known, look, narrow)
+    if not problem.conservative:
+        plan = _without_energy(state, plan, verdict)
+    begun = plan.to_load | plan.along | plan.descend
+
+    # Where what comes next begins …
+    speed = jnp.maximum(metric.size(anchor.tangent), 1e-300)
+    goal = jnp.where(plan.goal > 1 - 1e-9, 1.0, plan.goal)
+    onwards = jnp.minimum(goal - anchor.t, anchor.reach)
+    length = jnp.minimum(plan.s / speed, anchor.reach)
+    push = jnp.where(verdict.lost, 0.0, PUSH * metric.range(anchor.q))
+    # … or how what was begun goes on.
+    walk = _walk(state.descent, point, plan, ways, jnp.where(verdict.lost, jnp.inf, push))
+    whole = jnp.minimum(1.0, ways.free)
+    newton = point.q + whole * ways.correction
+    bordered_t = jnp.where(state.phase == ALONG, state.t + whole * verdict.bordered.t, state.t)
+
+    def choose(load: Any, length: Any, flow: Any, go: Any) -> Array:
+        return jnp.where(plan.to_load, load, jnp.where(plan.along, length, jnp.where(plan.descend, flow, go)))
+
+    return state._replace(
+        phase=choose(TO_LOAD, ALONG, DESCEND, state.phase),
+        tries=jnp.where(begun, 0, state.tries),
+        beyond=beyond._replace(
+            known=beyond.known
+            & look.sound
+            & ~plan.to_load
+            & ~plan.descend
+            & ~(plan.failed & (state.phase == TO_LOAD))
+        ),
+        descent=walk,
+        q=choose(
+            anchor.q + anchor.tangent * onwards,
+            jnp.where(plan.from_end, look.q, anchor.q + anchor.tangent * length),
+            anchor.q + anchor.tangent * jnp.minimum(push / speed, anchor.reach),
+            jnp.where(state.phase == DESCEND, walk.q + walk.fraction * walk.step, newton),
+        ),
+        t=choose(goal, jnp.where(plan.from_end, look.t, anchor.t + length), plan.past, bordered_t),
+        s=jnp.where(plan.along, plan.s, state.s),
+        growth=jnp.where(
+            plan.failed,
+            jnp.where(plan.at_corner, 2 * MARGIN, 1.0),
+            jnp.where(verdict.arrived, 2.0, state.growth),
+        ),
+        previous=jax.tree.map(
+            lambda gone, now: jnp.where(begun | (whole < 1), gone, now),
+            (state.previous[0], jnp.inf),
+            (verdict.tangent, metric.size(ways.correction)),
+        ),
+        snap=jnp.where(plan.descend, ~verdict.lost, state.snap),
+    )
+
+
+def _beyond(state: ContinuationState, point: Point, verdict: Verdict) -> Beyond:
+    """An unstable point stays the far end of the bracket while its near end moves up."""
+    along, unstable, end = state.phase == ALONG, verdict.unstable, state.beyond
+    known = unstable | (end.known & along & ~verdict.passed & ~verdict.lost)
+    return Beyond(
+        known,
+        jnp.where(unstable, point.q, end.q),
+        jnp.where(unstable, state.t, end.t),
+        jnp.where(unstable, verdict.bordered.dq, end.dq),
+        jnp.where(unstable, verdict.bordered.dt, end.dt),
+        jnp.where(along & known, end.tries + (verdict.arrived | unstable), 0),
+    )
+
+
+def _plan(
+    state: ContinuationState,
+    problem: Problem,
+    verdict: Verdict,
+    known: Bool[Array, ""],
+    look: Bracket,
+    narrow: Float[Array, ""],
+) -> Plan:
+    """What comes next, given what the point is and whether an unstable one further along is known."""
+    arrived, lost, anchor, metric = verdict.arrived, verdict.lost, state.anchor, problem.metric
+    to_load, along = state.phase == TO_LOAD, state.phase == ALONG
+    speed = jnp.maximum(metric.size(anchor.tangent), 1e-300)
+    longest = LONGEST * metric.range(anchor.q)
+    lone = verdict.unstable & ~look.sound  # an unstable point that the branch does not lead to
+    known = known & look.sound
+    narrowed = known & (verdict.unstable | (arrived & along))
+    failed = verdict.failed | lone
+
+    # How far to go: less than what failed, to before a corner if one was seen, else further than before.
+    corner = verdict.corner * jnp.where(to_load, speed, 1.0)
+    at_corner = failed & jnp.isfinite(corner)
+    shorter = jnp.where(to_load, 0.5 * speed * (state.t - anchor.t), 0.25 * state.s)
+    shorter = jnp.where(at_corner, (1 - MARGIN) * corner, shorter)
+    s = jnp.where(failed, shorter, jnp.where(narrowed, look.s, state.growth * state.s))
+    s = jnp.minimum(s, longest)
+
+    cornered = at_corner & (corner <= narrow * speed)
+    nothing_near = failed & (s < NEGLIGIBLE * (metric.size(anchor.q) + metric.unit))
+    ended = (narrowed & look.found) | nothing_near | cornered | lost
+    easy = arrived & along & ~known & (speed * (1 - anchor.t) < 2 * state.s)
+    to_go = verdict.passed | (arrived & ~along) | easy | (narrowed & (look.t >= 1))
+    descend = ended & ~verdict.passed
+    past = jnp.maximum(jnp.where(narrowed, look.end, anchor.t), anchor.t + narrow)
+    past = past + narrow * (state.nudge - 1) + jnp.where(cornered, corner / speed, 0.0)
+    return Plan(
+        to_load=to_go & ~descend,
+        along=(failed | narrowed | (arrived & along)) & ~descend & ~to_go,
+        descend=descend,
+        goal=jnp.where(verdict.passed, 1.0, anchor.t + longest / speed),
+        s=s,
+        look=look,
+        from_end=narrowed & ~failed,
+        past=jnp.where(lost, 0.0, jnp.minimum(1.0, past)),
+        failed=failed,
+        at_corner=at_corner,
+    )
+
+
+def _without_energy(state: ContinuationState, plan: Plan, verdict: Verdict) -> Plan:
+    """Without an energy there is no flow to follow: shorter steps are all that can be tried."""
+    halfway = 0.5 * (state.anchor.t + state.t)
+    return plan._replace(
+        to_load=(verdict.arrived | plan.failed) & ~verdict.lost,
+        along=jnp.array(False),
+        descend=verdict.lost,
+        goal=jnp.where(plan.failed, halfway, plan.goal),
+    )
+
+
+def _walk(walk: Descent, point: Point, plan: Plan, ways: Directions, radius: Float[Array, ""]) -> Descent:
+    """The descent with its next step, or about to begin with a trust radius."""
+    step = jnp.where(ways.accepted, ways.flow, walk.step)
+    return walk._replace(
+        convex=point.stable,
+        step=step,
+        fraction=jnp.where(ways.accepted, jnp.minimum(1.0, ways.free), 0.25 * walk.fraction),
+        slope=walk.here.gradient @ step,
+        curvature=step @ walk.here.hessian @ step,
+        shift=jnp.where(ways.accepted, ways.shift, walk.shift),
+        fresh=plan.descend,
+        radius=jnp.where(plan.descend, radius, walk.radius),
+    )

@@ -1,0 +1,243 @@
+"""A file that describes no system is refused in one sentence with the place of the fault."""
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from exosight.errors import DataError, InputError
+from exosight.system import read_system_file
+from exosight.system.designs import FileDesigns
+
+Write = Callable[..., Path]
+
+YOUNG, RADIUS, RANGE = 'young = "300 kPa"', 'radius = "5 mm"', 'range = ["-2 N", "4 N"]'
+HEAD = 'name = "small"\n'
+LOW, HIGH = "1 kPa", "2 kPa"
+
+
+def profile(entries: str) -> tuple[str, str]:
+    return RADIUS, f'radius = {{ unit = "mm", {entries} }}'
+
+
+def vary(entry: str, low: str, high: str) -> tuple[str, str]:
+    return HEAD, f'{HEAD}vary = [{{ entry = "{entry}", low = {low}, high = {high} }}]\n'
+
+
+FAULTS: list[tuple[tuple[str, str], str]] = [
+    ((YOUNG, YOUNG + '\nyong = "3 kPa"'), "rods.soft.yong: there is no such entry"),
+    ((YOUNG, "young = 300"), "rods.soft.young: expected a number and its unit, like '300 kPa', got '300'"),
+    ((YOUNG, 'young = "300"'), "rods.soft.young: expected a number and its unit"),
+    ((YOUNG, 'young = "300 mm"'), "rods.soft.young: expected a modulus in Pa, kPa, MPa, GPa, got '300 mm'"),
+    ((YOUNG, 'young = "nan kPa"'), "rods.soft.young: expected a number and its unit"),
+    ((YOUNG, 'young = "1e999 kPa"'), "rods.soft.young: expected a finite number"),
+    ((YOUNG, 'young = "1e200 kPa"'), "rods.soft.young: expected less than or equal to"),
+    ((YOUNG, "young = nan"), "rods.soft.young: expected a finite number, got nan"),
+    ((YOUNG, f"young = {'9' * 400}"), "rods.soft.young: expected a number below 2^53"),
+    ((YOUNG, f"young = {'9' * 5000}"), "not TOML"),
+    ((YOUNG, f"{YOUNG}\n{YOUNG}"), "not TOML (Cannot overwrite a value (at line"),
+    ((YOUNG, ""), "rods.soft.young: expected a value, got none"),
+    (
+        (YOUNG, f"{YOUNG}\nparent = 'tip'\n[links.x]\nlength='1 mm'\nradius='1 mm'"),
+        "links.x.radius: expected a list",
+    ),
+    (
+        (YOUNG, f"{YOUNG}\nparent = 'hand'"),
+        "rods.soft.parent: there is no body 'hand'; there are soft, base, tip",
+    ),
+    (('length = "40 mm"', 'length = "40 mm"\nparent = "tip"'), "a cycle; one body must sit on the ground"),
+    (("[links.tip]", "[links.soft]"), "expected different names of rods and links, got soft twice"),
+    (
+        ('surface = "pads"\nspheres', 'surface = "palm"\nspheres'),
+        "sensors.near.surface: there is no surface of spheres 'palm'",
+    ),
+    (
+        ('surface = "pads"\nbody', 'surface = "skin"\nbody'),
+        "sensors.far.surface: there is no surface of spheres 'skin'",
+    ),
+    (
+        ("spheres = [0, 1]", "spheres = [0, 4]"),
+        "sensors.near.spheres: expected different numbers from 0 to 3",
+    ),
+    (("spheres = [0, 1]", "spheres = [1, 1]"), "sensors.near.spheres: expected different numbers"),
+    (("spheres = [0, 1]", ""), "sensors.near: expected the zone as spheres or as a body"),
+    (("[sensors.far]", "[sensors.near]"), "not TOML (Cannot declare ('sensors', 'near') twice (at line"),
+    (
+        ('["near", "far"]', '["near", "thumb"]'),
+        "sensors: sensor sum: it sums thumb, which is no sensor before it",
+    ),
+    (('["near", "far"]', '["near", "near"]'), "sensors.sum: parts: expected each sensor once"),
+    (('second = "pads"', 'second = "soft_points"'), "contacts.press: both surfaces are on soft"),
+    (("at = [0.5, 1.0]", ""), "surfaces.pads.at: expected places along base from 0 to 1, got none"),
+    (
+        ("at = [0.5, 1.0]", "at = [0.5, 1.5]"),
+        "surfaces.pads.at.1: expected less than or equal to 1, got '1.5'",
+    ),
+    (
+        ('type = "revolute", stiffness = "0.03', 'type = "fixed", stiffness = "0.03'),
+        "stiffness: it has no effect with type fixed",
+    ),
+    (
+        ('type = "joint_angle"\nbody = "tip"', 'type = "joint_angle"\nbody = "soft"'),
+        "sensors.flexion.body: expected a link",
+    ),
+    (("[sensors.flexion]", '[sensors."a b"]'), "expected a name of at most 32 letters"),
+    (('name = "small"', 'name = "\\u001b[31m"'), "name: expected a name"),
+    (("format = 1", "format = 2"), "format: expected 1"),
+    (("format = 1", "format = [[[[1]]]]"), "format: expected 1"),
+    (("format = 1", f"format = {'[' * 40}{']' * 40}"), "nested too deeply"),
+    (("format = 1", f"format = {'[' * 4000}"), "not TOML"),
+    (("format = 1", f"{'a.' * 2000}b = 1"), "more than 1000 dots at line"),
+    (("format = 1", "format = 1979-05-27"), "format: expected text or a number"),
+    (("[sensors.near]", "[sensors]\nx = 1\n[sensors.near]"), "sensors.x: expected a table"),
+    ((RANGE, 'range = ["-2 N", "4 mN"]'), "actuators.u.range: expected both ends in one unit, got N and mN"),
+    ((RANGE, 'range = ["1 N", "4 N"]'), "channel u: expected a range with 0 in it, got 1…4"),
+    ((RANGE, 'range = ["0 kPa", "80 kPa"]'), "actuators.u.gain: expected what a command in kPa does"),
+    ((RANGE, 'range = ["0 kPa", "80 kPa"]\ngain = "5 N"'), "actuators.u.gain: expected it in N/kPa"),
+    ((RANGE, 'range = ["0 N", "1e300 N"]'), "actuators.u.range: expected loads of at most"),
+    ((RANGE, 'range = ["0 N", "4 N"]\nrate = "3 N"'), "actuators.u.rate: expected it in N/s"),
+    (
+        (RANGE, 'range = ["0 N", "4 N"]\noffset = "inf mm"'),
+        "actuators.u.offset: expected a number and its unit",
+    ),
+    (
+        (RANGE, 'range = ["0 N", "4 N"]\ncoordinate = 1'),
+        "coordinate: it has no effect with type pressure_line",
+    ),
+    (
+        ('body = "soft"\nrange', 'body = "base"\nrange'),
+        "actuators.u.body: there is no rod 'base'; there are soft",
+    ),
+    (profile("values = [5, 4], x = [0, 0.5, 1]"), "x: expected one place for each of the values"),
+    (profile("values = [5, 4, 3], x = [0, 0.7, 0.5]"), "rods.soft.radius: expected at least two points"),
+    (profile("values = [5, 4, 3], x = [0, 1, 1]"), "expected X to rise by at least 1e-06"),
+    (profile("values = [5, -4]"), "rods.soft.radius.RadiusProfile.values.1: expected greater than 0"),
+    (profile("values = [5]"), "values"),
+    (
+        profile("formula = '5', values = [5, 4]"),
+        "expected one of formula, values and csv, got formula and values",
+    ),
+    (profile("formula = '5 - 9*X'"), "rods.soft.radius: expected 1e-06 to 10 m all along the rod, got"),
+    (profile("formula = '1/(X - 1)'"), "got -0.001 m at X = 0.000"),
+    (profile("formula = 'log(X - 2)'"), "got nan m"),
+    (profile("formula = '().__class__'"), "expected numbers, X, pi, + - * / **"),
+    (profile("formula = 'sin(X, X)'"), "expected numbers, X, pi"),
+    (profile("formula = '__import__(1)'"), "expected numbers, X, pi"),
+    (profile("formula = '9**9**9**9'"), "got inf m"),
+    (profile(f"formula = '{'(' * 99}X{')' * 99}'"), "got 0 m"),
+    (profile(f"formula = '{'-' * 199}X'"), "all along the rod"),
+    (profile(f"formula = '{'X+' * 200}X'"), "expected a formula of at most 200 characters, got 401"),
+    (profile("formula = '1if X else 2'"), "expected numbers, X, pi"),
+    (profile("formula = '5 + X**0.5'"), "which is too steep at X = 0.000; give the line an offset"),
+    (
+        profile("csv = '../small.toml'"),
+        "rods.soft.radius.csv: expected the name of a file in the system file's folder",
+    ),
+    (profile("csv = '/etc/hostname'"), "rods.soft.radius.csv: expected the name of a file"),
+    (profile('csv = "a\\u0000b"'), "rods.soft.radius.csv: expected the name of a file"),
+    (profile("csv = 'none.csv'"), "none.csv: no such file"),
+    (
+        vary("rods.soft.yung", f"'{LOW}'", f"'{HIGH}'"),
+        "rods.soft.yung: there is no such entry in the file",
+    ),
+    (vary("rods.soft", f"'{LOW}'", f"'{HIGH}'"), "rods.soft: expected a single value"),
+    (vary("rods.soft.young", f"'{HIGH}'", f"'{LOW}'"), "vary.0: expected low below high"),
+    (
+        vary("rods.soft.young", f"'{LOW}'", "'2 Pa'"),
+        "vary.0: expected low and high in one unit, got kPa and Pa",
+    ),
+    (vary("rods.soft.young", f"'{LOW}'", "5"), "vary.0: expected low and high both with a unit or without"),
+    (
+        vary("rods.soft.young", "'1 mm'", "'2 mm'"),
+        "vary.0: with rods.soft.young = 1.0 mm: rods.soft.young: expected a modulus",
+    ),
+    (vary("links.tip.length", "'-1 mm'", "'2 mm'"), "vary.0: with links.tip.length = -1.0 mm"),
+    (vary("rods.soft.elements", "1", "5"), "vary.0: rods.soft.elements changes what all designs share"),
+    (
+        vary("actuators.u.range.1", "'1 N'", "'2 N'"),
+        "vary.0: actuators.u.range.1 changes what all designs share",
+    ),
+    (
+        vary("cameras.side.pixel", "'1 mm'", "'2 mm'"),
+        "vary.0: cameras.side.pixel changes what all designs share",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "sentence"), FAULTS, ids=lambda each: str(each)[-40:])
+def test_a_fault_is_one_sentence_with_its_place(change: tuple[str, str], sentence: str, write: Write) -> None:
+    path = write(change)
+    with pytest.raises((InputError, DataError)) as refused:
+        FileDesigns(read_system_file(path))
+    shown = str(refused.value)
+    assert sentence in shown
+    assert shown.isprintable()
+    assert len(shown) < 1000
+
+
+def test_an_empty_file_and_what_is_no_text(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    for content, sentence in (
+        (b"", "expected a value, got none"),
+        (bytes(range(256)), "not UTF-8 text"),
+        (b"a = 1\n" * 2_000_000, "more than 256 KiB"),
+    ):
+        path.write_bytes(content)
+        with pytest.raises((InputError, DataError), match=sentence):
+            read_system_file(path)
+
+
+def test_what_is_no_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "loop.toml").symlink_to(tmp_path / "loop.toml")
+    for name, sentence in (("none.toml", "no such file"), (".", "no file but"), ("pipe.toml", "no file but")):
+        with pytest.raises(DataError, match=sentence):
+            read_system_file(tmp_path / name)
+    for name in ("loop.toml", "x" * 300, "a\0b"):
+        with pytest.raises(DataError):
+            read_system_file(tmp_path / name)
+
+
+def test_a_profile_outside_of_the_folder_is_refused_even_through_a_link(write: Write, tmp_path: Path) -> None:
+    (tmp_path / "out.csv").symlink_to("/etc/hostname")
+    with pytest.raises(InputError, match="expected the name of a file in the system file's folder"):
+        read_system_file(write(profile("csv = 'out.csv'")))
+
+
+@pytest.mark.parametrize(
+    ("rows", "sentence"),
+    [
+        ("0,5\n0.5,4\n0.4,4\n1,3", "row 3: expected X that rises from 0 to 1"),
+        ("0,5\n1,nan", "row 2: expected X and radius, two finite numbers"),
+        ("0,5\n0.5\n1,4", "row 2: expected X and radius"),
+        ("x,r\n0;5\n1;4", "row 2: expected X and radius"),
+        ("0,5\n1,-4", "row 2: expected X that rises from 0 to 1 and a radius above 0"),
+        ("0,5\n0.9,4", "expected at least two rows, the last one at X = 1"),
+        ("", "expected at least two rows"),
+    ],
+)
+def test_a_row_of_a_profile_is_named(rows: str, sentence: str, write: Write, tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text(rows)
+    with pytest.raises(InputError, match=sentence):
+        read_system_file(write(profile("csv = 'p.csv'")))
+
+
+LINKS = "\n".join(f"[links.l{i}]\nlength = '1 mm'\nradius = ['1 mm', '1 mm']" for i in range(3000))
+FINE = "elements = 64\npoints_per_element = 32\nstrains = ['bend_y', 'bend_z', 'stretch_x', 'torsion_x']"
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (("[sensors.near]", f"{LINKS}\n[sensors.near]"), "links: expected at most 256"),
+        (("elements = 3\npoints_per_element = 4", FINE), "system: expected at most 500 coordinates, got 518"),
+        (("at = [0.5, 1.0]", f"at = {[i / 4000 for i in range(1002)]}"), "more than 1000 dots"),
+    ],
+    ids=["links", "elements", "places"],
+)
+def test_a_system_that_is_too_large_is_refused_before_it_is_made(
+    change: tuple[str, str], sentence: str, write: Write
+) -> None:
+    with pytest.raises((InputError, DataError), match=sentence):
+        FileDesigns(read_system_file(write(change)))
