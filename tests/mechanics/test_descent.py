@@ -1,7 +1,7 @@
 """Where a snap lands: a point in a plane potential of many wells, whose overdamped flow is known.
 
-In coordinates s and d, turned by 30° against those of the robot, the potential is f(s) + g(d): s over a corrugated
-slope with a well every 0.63 m, d in one of two wells. The metric is 1 N/m, so the flow keeps the two apart: s
+In coordinates s and d, turned by 30° against those of the robot, the potential is f(s) + g(d): for s a bowl
+with a ripple, a well every 0.63 m; for d two wells. The metric is 1 N/m, so the flow keeps the two apart: s
 goes from the fold of its well to the next well and rests there; d stays.
 """
 
