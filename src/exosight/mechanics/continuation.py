@@ -53,14 +53,15 @@ def stepper(
 
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
-        there, motion = evaluate(state.q, segment.load(state.t))
-        residual = metric.force(there.gradient) / (metric.size(state.q) + metric.unit)
+        q = jnp.asarray(state.q)
+        there, motion = evaluate(q, segment.load(state.t))
+        residual = metric.force(there.gradient) / (metric.size(q) + metric.unit)
         descending = state.phase == DESCEND
-        moved, accepted = descent.accept(state.descent, metric, state.q, there, residual, robot.conservative)
+        moved, accepted = descent.accept(state.descent, metric, q, there, residual, robot.conservative)
         q, here, residual = jax.tree.map(
             lambda a, b: jnp.where(descending, a, b),
             (moved.q, moved.here, moved.residual),
-            (state.q, there, residual),
+            (q, there, residual),
         )
         point = linearise(problem, q, here, residual)
         verdict = judge(state, problem, segment, point)
@@ -77,7 +78,9 @@ def stepper(
     return step
 
 
-def _flow(problem: Problem, moved: Descent, point: Point, wanted: Bool[Array, ""]) -> tuple[Array, Array]:
+def _flow(
+    problem: Problem, moved: Descent, point: Point, wanted: Bool[AnyArray, ""]
+) -> tuple[AnyArray, AnyArray]:
     """The step of a descent from here, and 1/h of it."""
     metric = problem.metric
     if not problem.conservative:
@@ -104,7 +107,7 @@ def _settle(
     far = metric.size(point.q - state.anchor.q) > SNAPPED * metric.range(point.q)
     jumped = arrived & descending & state.snap & far
     steps = state.steps + 1
-    done = (at_load | lost) & (state.load < segment.count)
+    done = (at_load | lost) & (state.load < segment.total)
     now = state._replace(
         steps=steps,
         start=start,
@@ -117,7 +120,7 @@ def _settle(
     t = jnp.where(at_load, 0.0, state.t)
     small = arrived & descending & state.snap & ~far
     return now._replace(
-        load=jnp.minimum(state.load + done, segment.count),
+        load=jnp.minimum(state.load + done, segment.total),
         steps=jnp.where(done, 0, steps),
         snaps=state.snaps + jumped,
         tries=state.tries + 1,
