@@ -16,7 +16,7 @@ from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation
 from exosight.mechanics.metric import Metric
 
-UNLIKE = 0.15, 2e-4
+UNLIKE = 0.05, 5e-5
 """How far a smooth change may lie from what the tangents at both ends lead to: relative to the larger of
 these two, and to the pose itself."""
 

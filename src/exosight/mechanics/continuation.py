@@ -54,7 +54,7 @@ def stepper(
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
         q = jnp.asarray(state.q)
-        there, motion = evaluate(q, segment.load(state.t))
+        there, motion = evaluate(q, jnp.asarray(segment.load(state.t)))
         residual = metric.force(there.gradient) / (metric.size(q) + metric.unit)
         descending = state.phase == DESCEND
         moved, accepted = descent.accept(state.descent, metric, q, there, residual, robot.conservative)
@@ -97,7 +97,7 @@ def _settle(
     point: Point,
     verdict: Verdict,
     moved: Descent,
-    tangent: Float[Array, " dofs"],
+    tangent: Float[AnyArray, " dofs"],
 ) -> ContinuationState:
     """The state with what has been found recorded; `tangent`: dq/dt from here on."""
     arrived, at_load, lost = verdict.arrived, verdict.at_load, verdict.lost
@@ -140,7 +140,7 @@ def _settle(
 
 
 def _with_load(
-    state: ContinuationState, point: Point, at_load: Array, done: Array, reached: Array
+    state: ContinuationState, point: Point, at_load: AnyArray, done: AnyArray, reached: AnyArray
 ) -> Records:
     """The records, with what was found at the present load if that is `done`."""
     records = state.records
@@ -162,7 +162,7 @@ def _with_load(
     )
 
 
-def _with_snap(state: ContinuationState, point: Point, jumped: Array, load: Array) -> Records:
+def _with_snap(state: ContinuationState, point: Point, jumped: AnyArray, load: AnyArray) -> Records:
     """The records, with a snap at `load` if the pose has `jumped`."""
     records = state.records
     at = jnp.minimum(state.snaps, SNAPS - 1)
