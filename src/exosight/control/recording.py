@@ -314,13 +314,14 @@ def _controller(file: h5py.File) -> tuple[ControllerConfig, GuardConfig]:
         return ForcePath(**{part: np.asarray(group[f"{name}/{part}"][()]) for part in _ARRAYS})
 
     try:
+        values: dict[str, Any] = {name: str(file.attrs[name]) for name in _NAMES}
+        values |= {name: float(group[name][()]) for name in _NUMBERS}
         config = ControllerConfig(
             loading=path("loading"),
             unloading=path("unloading"),
             output_limits=np.asarray(group["output_limits"][()]),
             schema=schema_from_dict(json.loads(str(file.attrs["schema"]))),
-            **{name: str(file.attrs[name]) for name in _NAMES},
-            **{name: float(group[name][()]) for name in _NUMBERS},
+            **values,
         )
         guard = _GUARD.validate_python(json.loads(str(file.attrs["guard"])))
     except (InputError, ValidationError) as error:

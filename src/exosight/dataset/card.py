@@ -138,10 +138,10 @@ def _designs(manifest: Manifest) -> Counter[int]:
 
 def _path(manifest: Manifest) -> str:
     """How every design is driven, in words."""
-    channels = manifest.schema.channels
-    if len(channels) > 1:
+    channel, *others = manifest.schema.channels
+    if others:
         return "from rest over waypoints of its own, drawn in the ranges of all channels, and back to rest"
-    return f"0 → {channels[0].peak:g} → 0 {channels[0].unit}"
+    return f"0 → {channel.peak:g} → 0 {channel.unit}"
 
 
 def _size(frames: int) -> str:

@@ -106,7 +106,6 @@ __all__ = [
     "locate_snaps",
     "potential",
     "stack",
-    "step_batch",
     "straight",
     "walk",
 ]

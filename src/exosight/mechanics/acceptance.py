@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 from jax.scipy.linalg import cho_solve
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics import branch
@@ -35,7 +35,7 @@ class Problem(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """The present segment of loads, to load number `state.load` of `count`.
+    """The present segment of loads, to load number `state.load` of `total`.
 
     origin, target, span   where it begins and ends, and target − origin [N]
     following              the span of the next one [N]
@@ -45,7 +45,7 @@ class Segment(NamedTuple):
     target: Float[AnyArray, " channels"]
     span: Float[AnyArray, " channels"]
     following: Float[AnyArray, " channels"]
-    count: Int[AnyArray, ""]
+    total: Int[AnyArray, ""]
 
     @staticmethod
     def of(state: ContinuationState, loads: AnyArray, count: AnyArray) -> "Segment":
@@ -54,7 +54,7 @@ class Segment(NamedTuple):
         after = loads[jnp.minimum(state.load + 1, count - 1)]
         return Segment(state.origin, target, target - state.origin, after - target, count)
 
-    def load(self, t: AnyArray) -> Float[Array, " channels"]:
+    def load(self, t: AnyArray) -> Float[AnyArray, " channels"]:
         """The load at t, to the last digit at its end."""
         return jnp.where(t >= 1, self.target, self.origin + t * self.span)
 
@@ -68,17 +68,17 @@ class Point(NamedTuple):
     converged    the residual is within tolerance
     """
 
-    q: Float[Array, " dofs"]
+    q: Float[AnyArray, " dofs"]
     here: Evaluation
-    residual: Float[Array, ""]
-    newton: Float[Array, " dofs"]
-    response: Float[Array, "dofs channels"]
-    stable: Bool[Array, ""]
-    converged: Bool[Array, ""]
+    residual: Float[AnyArray, ""]
+    newton: Float[AnyArray, " dofs"]
+    response: Float[AnyArray, "dofs channels"]
+    stable: Bool[AnyArray, ""]
+    converged: Bool[AnyArray, ""]
 
 
 def linearise(
-    problem: Problem, q: Float[Array, " dofs"], here: Evaluation, residual: Float[Array, ""]
+    problem: Problem, q: Float[AnyArray, " dofs"], here: Evaluation, residual: Float[AnyArray, ""]
 ) -> Point:
     """Newton's step and the response to loads at q, from one factorisation."""
     metric, tolerance = problem.metric, problem.tolerance
@@ -108,14 +108,14 @@ class Verdict(NamedTuple):
     tangent   dq/dt, or dq/ds if ALONG
     """
 
-    arrived: Bool[Array, ""]
-    at_load: Bool[Array, ""]
-    lost: Bool[Array, ""]
-    failed: Bool[Array, ""]
-    passed: Bool[Array, ""]
-    unstable: Bool[Array, ""]
-    corner: Float[Array, ""]
-    tangent: Float[Array, " dofs"]
+    arrived: Bool[AnyArray, ""]
+    at_load: Bool[AnyArray, ""]
+    lost: Bool[AnyArray, ""]
+    failed: Bool[AnyArray, ""]
+    passed: Bool[AnyArray, ""]
+    unstable: Bool[AnyArray, ""]
+    corner: Float[AnyArray, ""]
+    tangent: Float[AnyArray, " dofs"]
     bordered: branch.Bordered
 
 
@@ -128,7 +128,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
     change = point.q - anchor.q
     by_load = point.response @ segment.span
     like = ~branch.unlike(metric, change, anchor.tangent * dt, by_load * dt, point.q)
-    rough = to_load & (state.t < 1) & (point.residual < ROUGH)
+    rough = ~along & (state.t < 1) & (point.residual < ROUGH)
     settled = (point.converged | rough) & point.stable
     # … and along the branch.
     by_t = segment.span @ point.here.load_gradient
@@ -166,10 +166,10 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
 def _two_cycle(
     state: ContinuationState,
     metric: Metric,
-    correction: Float[Array, " dofs"],
-    tangent: Float[Array, " dofs"],
-    place: Float[Array, ""],
-) -> tuple[Bool[Array, ""], Float[Array, ""]]:
+    correction: Float[AnyArray, " dofs"],
+    tangent: Float[AnyArray, " dofs"],
+    place: Float[AnyArray, ""],
+) -> tuple[Bool[AnyArray, ""], Float[AnyArray, ""]]:
     """Whether Newton's method goes back and forth, and where the two pieces meet it goes between.
 
     It does where no equilibrium is near: each piece, of one set of contacts, has its own beyond the corner

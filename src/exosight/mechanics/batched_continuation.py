@@ -216,9 +216,9 @@ def _keep_snaps(found: Solutions, state: ContinuationState, lane: int, number: i
         found.snaps[number].append(
             Snap(
                 first + int(records.snap_step[lane, i]),
-                records.snap_load[lane, i].copy(),
-                records.before[lane, i].copy(),
-                records.after[lane, i].copy(),
+                np.array(records.snap_load[lane, i]),
+                np.array(records.before[lane, i]),
+                np.array(records.after[lane, i]),
                 float(records.released[lane, i]),
             )
         )

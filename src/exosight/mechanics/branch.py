@@ -10,13 +10,13 @@ Source: Keller, Numerical solution of bifurcation and nonlinear eigenvalue probl
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Bool, Float
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation
 from exosight.mechanics.metric import Metric
 
-UNLIKE = 0.15, 2e-4
+UNLIKE = 0.05, 5e-5
 """How far a smooth change may lie from what the tangents at both ends lead to: relative to the larger of
 these two, and to the pose itself."""
 
@@ -51,11 +51,11 @@ class Beyond(NamedTuple):
 
 def unlike(
     metric: Metric,
-    moved: Float[Array, " dofs"],
-    leaving: Float[Array, " dofs"],
-    arriving: Float[Array, " dofs"],
-    pose: Float[Array, " dofs"],
-) -> Bool[Array, ""]:
+    moved: Float[AnyArray, " dofs"],
+    leaving: Float[AnyArray, " dofs"],
+    arriving: Float[AnyArray, " dofs"],
+    pose: Float[AnyArray, " dofs"],
+) -> Bool[AnyArray, ""]:
     """Whether a change of pose is not what the tangents at its two ends lead to.
 
     A smooth one lies near the segment between them, also where contacts open or close on the way and the
@@ -73,19 +73,19 @@ def unlike(
 class Bordered(NamedTuple):
     """Solution of the equations with s given: Newton's correction, and the tangent with ds = 1."""
 
-    q: Float[Array, " dofs"]
-    t: Float[Array, ""]
-    dq: Float[Array, " dofs"]
-    dt: Float[Array, ""]
+    q: Float[AnyArray, " dofs"]
+    t: Float[AnyArray, ""]
+    dq: Float[AnyArray, " dofs"]
+    dt: Float[AnyArray, ""]
 
 
 def bordered(
     metric: Metric,
     anchor: Anchor,
-    q: Float[Array, " dofs"],
+    q: Float[AnyArray, " dofs"],
     here: Evaluation,
-    by_t: Float[Array, " dofs"],
-    s: Float[Array, ""],
+    by_t: Float[AnyArray, " dofs"],
+    s: Float[AnyArray, ""],
 ) -> Bordered:
     """∇Π = 0 and cᵀ(q − q_anchor) = s, linearised; c = M v/|v|, v the anchor's tangent."""
     n, hessian = len(q), here.hessian
@@ -111,15 +111,15 @@ class Bracket(NamedTuple):
     sound    the two points do belong to one branch; otherwise nothing else means anything
     """
 
-    s: Float[Array, ""]
-    q: Float[Array, " dofs"]
-    t: Float[Array, ""]
-    end: Float[Array, ""]
-    found: Bool[Array, ""]
-    sound: Bool[Array, ""]
+    s: Float[AnyArray, ""]
+    q: Float[AnyArray, " dofs"]
+    t: Float[AnyArray, ""]
+    end: Float[AnyArray, ""]
+    found: Bool[AnyArray, ""]
+    sound: Bool[AnyArray, ""]
 
 
-def bracket(metric: Metric, anchor: Anchor, beyond: Beyond, narrow: Float[Array, ""]) -> Bracket:
+def bracket(metric: Metric, anchor: Anchor, beyond: Beyond, narrow: Float[AnyArray, ""]) -> Bracket:
     """Where the branch ends: at the largest t of a smooth fold, or at the corner where two pieces meet.
 
     narrow   how precisely in t

@@ -53,14 +53,15 @@ def stepper(
 
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
-        there, motion = evaluate(state.q, segment.load(state.t))
-        residual = metric.force(there.gradient) / (metric.size(state.q) + metric.unit)
+        q = jnp.asarray(state.q)
+        there, motion = evaluate(q, jnp.asarray(segment.load(state.t)))
+        residual = metric.force(there.gradient) / (metric.size(q) + metric.unit)
         descending = state.phase == DESCEND
-        moved, accepted = descent.accept(state.descent, metric, state.q, there, residual, robot.conservative)
+        moved, accepted = descent.accept(state.descent, metric, q, there, residual, robot.conservative)
         q, here, residual = jax.tree.map(
             lambda a, b: jnp.where(descending, a, b),
             (moved.q, moved.here, moved.residual),
-            (state.q, there, residual),
+            (q, there, residual),
         )
         point = linearise(problem, q, here, residual)
         verdict = judge(state, problem, segment, point)
@@ -77,7 +78,9 @@ def stepper(
     return step
 
 
-def _flow(problem: Problem, moved: Descent, point: Point, wanted: Bool[Array, ""]) -> tuple[Array, Array]:
+def _flow(
+    problem: Problem, moved: Descent, point: Point, wanted: Bool[AnyArray, ""]
+) -> tuple[AnyArray, AnyArray]:
     """The step of a descent from here, and 1/h of it."""
     metric = problem.metric
     if not problem.conservative:
@@ -94,7 +97,7 @@ def _settle(
     point: Point,
     verdict: Verdict,
     moved: Descent,
-    tangent: Float[Array, " dofs"],
+    tangent: Float[AnyArray, " dofs"],
 ) -> ContinuationState:
     """The state with what has been found recorded; `tangent`: dq/dt from here on."""
     arrived, at_load, lost = verdict.arrived, verdict.at_load, verdict.lost
@@ -104,7 +107,7 @@ def _settle(
     far = metric.size(point.q - state.anchor.q) > SNAPPED * metric.range(point.q)
     jumped = arrived & descending & state.snap & far
     steps = state.steps + 1
-    done = (at_load | lost) & (state.load < segment.count)
+    done = (at_load | lost) & (state.load < segment.total)
     now = state._replace(
         steps=steps,
         start=start,
@@ -117,7 +120,7 @@ def _settle(
     t = jnp.where(at_load, 0.0, state.t)
     small = arrived & descending & state.snap & ~far
     return now._replace(
-        load=jnp.minimum(state.load + done, segment.count),
+        load=jnp.minimum(state.load + done, segment.total),
         steps=jnp.where(done, 0, steps),
         snaps=state.snaps + jumped,
         tries=state.tries + 1,
@@ -137,7 +140,7 @@ def _settle(
 
 
 def _with_load(
-    state: ContinuationState, point: Point, at_load: Array, done: Array, reached: Array
+    state: ContinuationState, point: Point, at_load: AnyArray, done: AnyArray, reached: AnyArray
 ) -> Records:
     """The records, with what was found at the present load if that is `done`."""
     records = state.records
@@ -159,7 +162,7 @@ def _with_load(
     )
 
 
-def _with_snap(state: ContinuationState, point: Point, jumped: Array, load: Array) -> Records:
+def _with_snap(state: ContinuationState, point: Point, jumped: AnyArray, load: AnyArray) -> Records:
     """The records, with a snap at `load` if the pose has `jumped`."""
     records = state.records
     at = jnp.minimum(state.snaps, SNAPS - 1)

@@ -50,11 +50,11 @@ class Descent(NamedTuple):
 def accept(
     descent: Descent,
     metric: Metric,
-    trial: Float[Array, " dofs"],
+    trial: Float[AnyArray, " dofs"],
     there: Evaluation,
-    residual: Float[Array, ""],
+    residual: Float[AnyArray, ""],
     conservative: bool,
-) -> tuple[Descent, Bool[Array, ""]]:
+) -> tuple[Descent, Bool[AnyArray, ""]]:
     """The descent at the trial point if that is lower, with its trust radius adapted; and whether it is."""
     change = there.energy - descent.here.energy
     fraction = descent.fraction
@@ -84,11 +84,11 @@ def accept(
 def direction(
     descent: Descent,
     metric: Metric,
-    newton: Float[Array, " dofs"],
-    stable: Bool[Array, ""],
-    saddle: Bool[Array, ""],
-    wanted: Bool[Array, ""],
-) -> tuple[Float[Array, " dofs"], Float[Array, ""]]:
+    newton: Float[AnyArray, " dofs"],
+    stable: Bool[AnyArray, ""],
+    saddle: Bool[AnyArray, ""],
+    wanted: Bool[AnyArray, ""],
+) -> tuple[Float[AnyArray, " dofs"], Float[AnyArray, ""]]:
     """The next step, before gaps, and 1/h of it.
 
     newton   −(∇²Π)⁻¹ ∇Π, of no meaning unless `stable`

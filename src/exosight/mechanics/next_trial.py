@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from exosight.arrays import AnyArray
 from exosight.mechanics import branch
 from exosight.mechanics.acceptance import LONGEST, Point, Problem, Verdict
 from exosight.mechanics.branch import NEGLIGIBLE, Beyond, Bracket
@@ -29,12 +30,12 @@ class Directions(NamedTuple):
     by_t         ∂∇Π/∂t
     """
 
-    correction: Float[Array, " dofs"]
-    flow: Float[Array, " dofs"]
-    shift: Float[Array, ""]
-    accepted: Bool[Array, ""]
-    free: Float[Array, ""]
-    by_t: Float[Array, " dofs"]
+    correction: Float[AnyArray, " dofs"]
+    flow: Float[AnyArray, " dofs"]
+    shift: Float[AnyArray, ""]
+    accepted: Bool[AnyArray, ""]
+    free: Float[AnyArray, ""]
+    by_t: Float[AnyArray, " dofs"]
 
 
 class Plan(NamedTuple):
@@ -47,16 +48,16 @@ class Plan(NamedTuple):
     failed, at_corner         the last trial is taken back, to before a corner
     """
 
-    to_load: Bool[Array, ""]
-    along: Bool[Array, ""]
-    descend: Bool[Array, ""]
-    goal: Float[Array, ""]
-    s: Float[Array, ""]
+    to_load: Bool[AnyArray, ""]
+    along: Bool[AnyArray, ""]
+    descend: Bool[AnyArray, ""]
+    goal: Float[AnyArray, ""]
+    s: Float[AnyArray, ""]
     look: Bracket
-    from_end: Bool[Array, ""]
-    past: Float[Array, ""]
-    failed: Bool[Array, ""]
-    at_corner: Bool[Array, ""]
+    from_end: Bool[AnyArray, ""]
+    past: Float[AnyArray, ""]
+    failed: Bool[AnyArray, ""]
+    at_corner: Bool[AnyArray, ""]
 
 
 def next_trial(
@@ -142,9 +143,9 @@ def _plan(
     state: ContinuationState,
     problem: Problem,
     verdict: Verdict,
-    known: Bool[Array, ""],
+    known: Bool[AnyArray, ""],
     look: Bracket,
-    narrow: Float[Array, ""],
+    narrow: Float[AnyArray, ""],
 ) -> Plan:
     """What comes next, given what the point is and whether an unstable one further along is known."""
     arrived, lost, anchor, metric = verdict.arrived, verdict.lost, state.anchor, problem.metric
@@ -197,7 +198,7 @@ def _without_energy(state: ContinuationState, plan: Plan, verdict: Verdict) -> P
     )
 
 
-def _walk(walk: Descent, point: Point, plan: Plan, ways: Directions, radius: Float[Array, ""]) -> Descent:
+def _walk(walk: Descent, point: Point, plan: Plan, ways: Directions, radius: Float[AnyArray, ""]) -> Descent:
     """The descent with its next step, or about to begin with a trust radius."""
     step = jnp.where(ways.accepted, ways.flow, walk.step)
     return walk._replace(

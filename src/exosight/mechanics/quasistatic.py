@@ -45,7 +45,7 @@ def initial_state(robots: Robots, channels: int | None = None, options: SolverOp
     """
     batch = _batched(robots)
     start = _unstrained(batch, batch.loads if channels is None else channels)
-    return advance(batch, start, start.loads, options)[0]
+    return advance(batch, start, np.asarray(start.loads), options)[0]
 
 
 def advance(

@@ -1,5 +1,6 @@
 """What is in the scene: the camera, the bodies, and what is behind them."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from exosight.vision.appearance import AppearanceVariation
@@ -17,7 +18,7 @@ BEHIND, TEXTURE = 1, 4  # what a frame's seed is used for; 2 and 3 are those of 
 class View:
     """Another camera, see `exosight.vision.view`."""
 
-    columns: ClassVar = {
+    columns: ClassVar[Mapping[str, float]] = {
         "shift_x": 0.0,  # to the right, as a share of the width
         "shift_y": 0.0,  # downwards, as a share of the height
         "roll": 0.0,  # clockwise turn about the picture's middle [rad]
@@ -26,8 +27,16 @@ class View:
         "tilt_y": 0.0,  # about its vertical axis [rad]; positive takes its right half away
         "distortion": 0.0,  # radial, at a corner, as a share of its distance; positive is a pincushion
     }
-    switches: ClassVar = ("shift_x", "shift_y", "roll", "zoom", "tilt_x", "tilt_y", "distortion")
-    separates: ClassVar = False
+    switches: ClassVar[tuple[str, ...]] = (
+        "shift_x",
+        "shift_y",
+        "roll",
+        "zoom",
+        "tilt_x",
+        "tilt_y",
+        "distortion",
+    )
+    separates: ClassVar[bool] = False
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """Each either way."""
@@ -53,12 +62,12 @@ class View:
 class BodyContrast:
     """Grays of the bodies moved into a narrower range."""
 
-    columns: ClassVar = {
+    columns: ClassVar[Mapping[str, float]] = {
         "body_dark": 0.0,  # what black becomes on the bodies, 0…1
         "body_range": 0.0,  # range of grays that the bodies lose, 0…1
     }
-    switches: ClassVar = ("body_range",)
-    separates: ClassVar = True
+    switches: ClassVar[tuple[str, ...]] = ("body_range",)
+    separates: ClassVar[bool] = True
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """The range, and where within 0…1 it lies."""
@@ -73,15 +82,15 @@ class BodyContrast:
 class Backdrop:
     """A pattern behind the bodies, see `exosight.vision.background`."""
 
-    columns: ClassVar = {
+    columns: ClassVar[Mapping[str, float]] = {
         "background": 0.0,  # place in BACKGROUND_KINDS, from 1; 0 is the renderer's own
         "background_level": 0.0,  # its mean gray, 0…1
         "background_contrast": 0.0,  # half its range of grays, 0…1
         "background_size": 0.0,  # its features' size, as a share of the width
         "background_angle": 0.0,  # its angle [rad]
     }
-    switches: ClassVar = ("background",)
-    separates: ClassVar = True
+    switches: ClassVar[tuple[str, ...]] = ("background",)
+    separates: ClassVar[bool] = True
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """A kind, and a pattern of which neither end is clipped."""
@@ -113,9 +122,9 @@ class Backdrop:
 class FingersBehind:
     """Other fingers behind the bodies."""
 
-    columns: ClassVar = {"fingers_behind": 0.0}  # their number
-    switches: ClassVar = ("fingers_behind",)
-    separates: ClassVar = True
+    columns: ClassVar[Mapping[str, float]] = {"fingers_behind": 0.0}  # their number
+    switches: ClassVar[tuple[str, ...]] = ("fingers_behind",)
+    separates: ClassVar[bool] = True
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """Any number up to the limit."""

@@ -1,5 +1,6 @@
 """What hides the bodies: other fingers, and objects."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from exosight.vision.appearance import AppearanceVariation
@@ -22,9 +23,9 @@ BEFORE, FRONT = 2, 3  # what a frame's seed is used for; 1 and 4 are those of th
 class FingersInFront:
     """Other fingers in front of the bodies."""
 
-    columns: ClassVar = {"fingers_in_front": 0.0}  # their number
-    switches: ClassVar = ("fingers_in_front",)
-    separates: ClassVar = False
+    columns: ClassVar[Mapping[str, float]] = {"fingers_in_front": 0.0}  # their number
+    switches: ClassVar[tuple[str, ...]] = ("fingers_in_front",)
+    separates: ClassVar[bool] = False
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """Any number up to the limit."""
@@ -39,15 +40,15 @@ class FingersInFront:
 class Occluder:
     """An object that hides a part of the bodies, see `exosight.vision.occlusion`."""
 
-    columns: ClassVar = {
+    columns: ClassVar[Mapping[str, float]] = {
         "occlusion": 0.0,  # place in OCCLUSION_KINDS, from 1; 0 is none
         "occluded": 0.0,  # share of the picture that it covers
         "occlusion_at": 0.0,  # which of the bodies' pixels it is centred on, 0 (first) … 1 (last)
         "occlusion_angle": 0.0,  # its angle [rad]
         "occlusion_shade": 0.0,  # its gray, 0…1
     }
-    switches: ClassVar = ("occlusion",)
-    separates: ClassVar = False
+    switches: ClassVar[tuple[str, ...]] = ("occlusion",)
+    separates: ClassVar[bool] = False
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """A kind, and where on the bodies."""

@@ -1,5 +1,6 @@
 """What light, lens and sensor make of the scene."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 import cv2
@@ -15,13 +16,13 @@ from exosight.vision.transforms.base import TURN, Canvas, Column, Draws, Row
 class Illumination:
     """Uneven light."""
 
-    columns: ClassVar = {
+    columns: ClassVar[Mapping[str, float]] = {
         "gradient": 0.0,  # relative gain of brightness from the middle to a corner, along gradient_angle
         "gradient_angle": 0.0,  # where it becomes brighter, clockwise from the right [rad]
         "vignette": 0.0,  # relative loss of brightness at the corners
     }
-    switches: ClassVar = ("gradient", "vignette")
-    separates: ClassVar = False
+    switches: ClassVar[tuple[str, ...]] = ("gradient", "vignette")
+    separates: ClassVar[bool] = False
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """In any direction."""
@@ -43,9 +44,9 @@ class Illumination:
 class Blur:
     """A lens out of focus."""
 
-    columns: ClassVar = {"blur": 0.0}  # standard deviation of Gaussian blur [pixels]
-    switches: ClassVar = ("blur",)
-    separates: ClassVar = False
+    columns: ClassVar[Mapping[str, float]] = {"blur": 0.0}  # standard deviation of Gaussian blur [pixels]
+    switches: ClassVar[tuple[str, ...]] = ("blur",)
+    separates: ClassVar[bool] = False
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """Up to the limit."""
@@ -60,12 +61,12 @@ class Blur:
 class MotionBlur:
     """A camera that moves while it exposes."""
 
-    columns: ClassVar = {
+    columns: ClassVar[Mapping[str, float]] = {
         "motion": 0.0,  # length of the motion [pixels]
         "motion_angle": 0.0,  # its direction, clockwise from the right [rad]
     }
-    switches: ClassVar = ("motion",)
-    separates: ClassVar = False
+    switches: ClassVar[tuple[str, ...]] = ("motion",)
+    separates: ClassVar[bool] = False
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """In any direction."""
@@ -84,15 +85,15 @@ class MotionBlur:
 class Exposure:
     """What each gray becomes on the sensor, with noise."""
 
-    columns: ClassVar = {
+    columns: ClassVar[Mapping[str, float]] = {
         "gamma": 1.0,  # exponent of brightness [-]
         "dark": 0.0,  # what black becomes, 0…1
         "range": 0.0,  # range of grays that is lost, 0…1: white becomes dark + 1 − range
         "noise": 0.0,  # variance of Gaussian noise [full scale²]; its mean is the paper's
         "shot": 0.0,  # variance of shot noise at white [full scale²]
     }
-    switches: ClassVar = ("gamma", "dark", "range", "noise", "shot")
-    separates: ClassVar = False
+    switches: ClassVar[tuple[str, ...]] = ("gamma", "dark", "range", "noise", "shot")
+    separates: ClassVar[bool] = False
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """As many frames at every standard deviation of noise: the square of an even number."""
