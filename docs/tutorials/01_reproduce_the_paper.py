@@ -69,7 +69,7 @@ network = OnnxEstimator.load(DEFAULT_MODEL)
 estimated = network.estimate(frames.images)
 scores = score(frames.schema, frames.labels, estimated)
 print("        r   paper   RMSE [N]   paper")
-for ours, paper in zip(scores.contacts, CONTACTS_PUBLISHED, strict=True):
+for ours, paper in zip(scores.outputs, CONTACTS_PUBLISHED, strict=True):
     print(f"{ours.name}: {ours.r:6.3f}  {paper.r:6.2f}  {ours.rmse:9.4f}  {paper.rmse:6.2f}")
 clouds = predicted_against_true(frames.schema, frames.labels, estimated)
 

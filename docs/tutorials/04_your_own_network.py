@@ -54,7 +54,7 @@ checks = np.array([(r.epoch, r.validation_loss) for r in history if r.validation
 curves = loss_curves(epochs.astype(int), learned, checks[0].astype(int), *checks[1:], rates, "loss [-]")
 network = OnnxEstimator.load(folder / "light" / "model.onnx")
 truth, images = data.frames.labels[split.test], data.frames.images[split.test]
-print(f"light network: mean r {score(truth, network.estimate(images)).r.mean:.2f}")
+print(f"light network: mean r {score(data.frames.schema, truth, network.estimate(images)).r.mean:.2f}")
 
 # %%
 # An estimator of your own
@@ -86,7 +86,7 @@ class Ridge:
 
 ridge = Ridge(data.frames.images[split.train], data.frames.labels[split.train])
 assert isinstance(ridge, Estimator)
-print(f"ridge regression: mean r {score(truth, ridge.estimate(images)).r.mean:.2f}")
+print(f"ridge regression: mean r {score(data.frames.schema, truth, ridge.estimate(images)).r.mean:.2f}")
 
 # %%
 # It can close the loop like any other estimator, although inaccurately:
@@ -99,8 +99,8 @@ from exosight.exosuit.published import published
 plant = SimulatedPlant(published(Exosuit(CONTROL_SHAPE)))
 law = Proportional(5.0, plant.schema.channels[0])
 record = run(plant, law, from_image(ridge, plant.schema), hold(0.25, 8))
-true, told = record.true[-1], record.estimated[-1]
-print(f"after {len(record.command) - 1} steps: true {true:.2f} N, told {told:.2f} N")
+true, estimated = record.true[-1], record.estimated[-1]
+print(f"after {len(record.command) - 1} steps: true {true:.2f} N, estimated {estimated:.2f} N")
 
 # %%
 # To train your own PyTorch network with the same recipes and export it with the same intervals, add an
