@@ -66,7 +66,9 @@ def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
                     _draw_spheres(axes, centres[chosen], radii[chosen], colour, 1.5)
                     axes.annotate(
                         zone.spec.name,
-                        centres[chosen].mean(axis=0) - [0, 1.35 * radii[chosen].max()],
+                        centres[chosen].mean(axis=0) - [0, radii[chosen].max()],
+                        xytext=(0, -4 - 9 * (number % 2)),  # neighbours may stand close
+                        textcoords="offset points",
                         ha="center",
                         va="top",
                         color=colour,
