@@ -39,7 +39,7 @@ def short_trials():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trials, "STEADY_STATE_STEPS", 4)
         patch.setattr(trials, "STEP_SECONDS", 0.4)
-        patch.setattr(generation, "SHAPES_PER_CHUNK", 6)
+        patch.setattr(generation, "DESIGNS_PER_CHUNK", 6)
         yield
 
 

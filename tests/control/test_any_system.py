@@ -51,8 +51,8 @@ def built(**tables: dict) -> System:
 
 @pytest.fixture(scope="module")
 def thumb() -> System:
-    """Its first and its last zone are summed by a sensor of their own."""
-    return built(sensors={"ends": {"type": "net_force", "parts": ["P1", "P3"]}})
+    """Its two further zones are summed by a sensor of their own."""
+    return built(sensors={"ends": {"type": "net_force", "parts": ["P2", "P3"]}})
 
 
 @pytest.fixture(scope="module")
@@ -80,9 +80,9 @@ def test_the_sum_of_two_zones_settles_on_its_target_and_is_released(
     steps = hold_and_release(float(target), 25)
     guarded = Guarded(Scheduled(config))
     record = run_guarded(SimulatedPlant(thumb), guarded, true_measurement, steps)
-    parts = [thumb.schema.index(name) for name in ("P1", "P3")]
+    parts = [thumb.schema.index(name) for name in ("P2", "P3")]
     assert record.sensor == "ends"
-    np.testing.assert_array_equal(np.flatnonzero(thumb.schema.weights("ends")), [0, 2])
+    np.testing.assert_array_equal(np.flatnonzero(thumb.schema.weights("ends")), [1, 2])
     assert np.abs(record.true[10:25] - target).max() <= BAND * target
     assert record.true[-5:].max() < RELEASED
     assert len(parts) == 2
