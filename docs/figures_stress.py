@@ -15,6 +15,7 @@ from _parts.pages import fill, save, shown, table_of
 from matplotlib.figure import Figure
 
 from exosight.app.stress import draw, stress_table
+from exosight.control.tuning import CONTACT_LIMIT
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGE = HERE / "stress.md", HERE / "results", HERE / "images" / "stress.png"
@@ -44,7 +45,7 @@ def picture(found: dict[str, Any]) -> Figure:
         "guarded, true force": found["stress_true"]["controllers"]["guarded"],
         "paper's law, K_P = 5, true force": found["stress_paper"]["controllers"]["K_P = 5"],
     }
-    return draw({"controllers": runs})
+    return draw({"about": {"contact_limit": CONTACT_LIMIT}, "controllers": runs})
 
 
 def main() -> None:
