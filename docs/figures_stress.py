@@ -15,7 +15,6 @@ from _parts.pages import fill, save, shown, table_of
 from matplotlib.figure import Figure
 
 from exosight.app.stress import draw, stress_table
-from exosight.control.tuning import CONTACT_LIMIT
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGE = HERE / "stress.md", HERE / "results", HERE / "images" / "stress.png"
@@ -45,7 +44,7 @@ def picture(found: dict[str, Any]) -> Figure:
         "guarded, true force": found["stress_true"]["controllers"]["guarded"],
         "paper's law, K_P = 5, true force": found["stress_paper"]["controllers"]["K_P = 5"],
     }
-    return draw({"about": {"contact_limit": CONTACT_LIMIT}, "controllers": runs})
+    return draw({"about": found["stress"]["about"], "controllers": runs})
 
 
 def main() -> None:

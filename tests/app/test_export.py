@@ -14,7 +14,7 @@ from exosight.dataset import read_frames
 def test_a_dataset_becomes_a_mat_file(data: Path, tmp_path: Path) -> None:
     main(["export", "--data", str(data), "--out", str(tmp_path / "data.mat")])
     found = scipy.io.loadmat(tmp_path / "data.mat")
-    np.testing.assert_array_equal(found["forces"], read_frames(data).forces)
+    np.testing.assert_array_equal(found["sensors"], read_frames(data).sensors)
 
 
 def test_a_dataset_becomes_a_folder(data: Path, tmp_path: Path) -> None:

@@ -1,44 +1,15 @@
 """`exosight generate`: what it prints and writes, and how it goes on."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from exosight.app.main import main
-from exosight.dataset import generation, read_frames
-from exosight.dataset.config import GenerateConfig
-from exosight.dataset.frames import Frames
-from exosight.exosuit.scenarios import SampledShape
-from exosight.exosuit.shapes import FAMILIES
+from exosight.dataset import read_frames
 
-OPTIONS = ["--per-scenario", "1", "--frames", "2", "--camera.width", "6", "--camera.height", "4"]
-
-
-def simulated(
-    config: GenerateConfig, shapes: list[SampledShape], done: Callable[[int], None]
-) -> tuple[Frames, dict[str, int]]:
-    """One blank frame of each shape, and one that is left out."""
-    done(len(shapes))
-    count = len(shapes)
-    frames = Frames(
-        images=np.zeros((count, config.camera.height, config.camera.width), np.uint8),
-        forces=np.zeros((count, 7), np.float32),
-        u=np.zeros(count, np.float32),
-        pose=np.zeros((count, 25)),
-        shape_id=np.array([shape.shape_id for shape in shapes], np.int32),
-        family=np.array([list(FAMILIES).index(shape.shape.surface.family) for shape in shapes], np.int8),
-        scenario=np.array([shape.scenario for shape in shapes], np.int8),
-        loading=np.ones(count, np.int8),
-    )
-    return frames, {"not_converged": 0, "crosses_itself": count, "tip_below_finger": 0}
-
-
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generation, "simulate_shapes", simulated)
+THUMB = Path(__file__).parents[2] / "examples" / "systems" / "thumb.toml"
+OPTIONS = ["--system", str(THUMB), "--designs", "2", "--frames", "5"]
 
 
 def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -51,13 +22,16 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
 
 
 def test_counts_are_told_and_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    counts = tmp_path / "counts.json"
-    main(["generate", "--out", str(tmp_path / "data"), *OPTIONS, "--json", str(counts)])
-    told = capsys.readouterr().err
-    assert "wrote 11 frames of 11 shapes" in told
-    assert "dropped, crosses itself: 11" in told
-    assert json.loads(counts.read_text())["dropped"]["crosses_itself"] == 11
-    assert len(read_frames(tmp_path / "data")) == 11
+    file = tmp_path / "counts.json"
+    main(["generate", "--out", str(tmp_path / "data"), *OPTIONS, "--json", str(file)])
+    told, counts = capsys.readouterr().err, json.loads(file.read_text())
+    kept = len(read_frames(tmp_path / "data"))
+    # Every frame of both designs is kept or counted among those left out.
+    assert kept + sum(counts["dropped"].values()) == 10
+    assert counts["frames"] == kept > 5
+    assert f"wrote {kept} frames of 2 designs" in told
+    for cause, count in counts["dropped"].items():
+        assert f"dropped, {cause.replace('_', ' ')}: {count}" in told
 
 
 def test_a_second_run_needs_resume_and_then_mends(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

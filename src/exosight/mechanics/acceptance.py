@@ -128,7 +128,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
     change = point.q - anchor.q
     by_load = point.response @ segment.span
     like = ~branch.unlike(metric, change, anchor.tangent * dt, by_load * dt, point.q)
-    rough = ~along & (state.t < 1) & (point.residual < ROUGH)
+    rough = (to_load | ~along & ~state.snap) & (state.t < 1) & (point.residual < ROUGH)
     settled = (point.converged | rough) & point.stable
     # … and along the branch.
     by_t = segment.span @ point.here.load_gradient
