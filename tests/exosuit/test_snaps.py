@@ -53,7 +53,7 @@ def test_snaps_are_where_they_are_and_go_downhill(paths: dict) -> None:
     fine, coarse = (paths[step][1] for step in STEPS)
     for one, other in zip(fine, coarse, strict=True):
         assert all(snap.energy > 0 for snap in one)
-        # A jump too small to differ from a smooth change (measured: 0.4 ‰ of the largest energy released) may be
+        # A jump that differs little from a smooth change (measured: 0.4 ‰ of the largest energy) may be
         # passed within a coarse step; the poses at common loads are the same all the same, as tested above.
         largest = max((snap.energy for snap in one), default=0.0)
         loads = [[s.load[0] for s in snaps if s.energy > 1e-3 * largest] for snaps in (one, other)]
