@@ -50,7 +50,7 @@ def path_table(result: dict[str, Any]) -> Table:
         )
         for record in records
     )
-    note = "ok: stable equilibrium; its: Newton steps"
+    note = "ok: stable equilibrium; its: evaluations"
     return Table("path", f"Equilibria of {result['system']}", columns, rows, note)
 
 

@@ -178,9 +178,9 @@ def _table(records: list[dict[str, Any]]) -> Table:
     rows = tuple(
         (
             *(f"{record['u']:g}".replace("-", "−"), *record["forces"], record["F_net"]),
-            *("yes" if record["converged"] else "NO", record["iterations"]),
+            *("yes" if record["converged"] else "NO", str(record["iterations"])),
         )
         for record in records
     )
-    note = "C0…C7: contact forces; F_net: their sum over C1…C7; ok: stable equilibrium; its: Newton steps"
+    note = "C0…C7: contact forces; F_net: their sum over C1…C7; ok: stable equilibrium; its: evaluations"
     return Table("path", "Equilibria", columns, rows, note)
