@@ -1,0 +1,78 @@
+"""Functions of arguments that become known one after the other, unrolled and called from JAX."""
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from exosight.scalar_program import interpreter
+from exosight.scalar_program.graph import Graph
+from exosight.scalar_program.program import Program, Stage, programs
+from exosight.scalar_program.tracing import trace
+
+
+class Unrolled(NamedTuple):
+    """Programs of the stages of a function, with the shapes of their results."""
+
+    stages: tuple[Program, ...]
+    results: tuple[Any, ...]
+
+    def __call__(
+        self, stage: int, handed: Float[Array, " values"] | None, arguments: Sequence[Any]
+    ) -> tuple[Any, Float[Array, " values"]]:
+        """The results of a stage, and what it hands on.
+
+        handed      what the stage before handed on; none for the first
+        arguments   the stage's own
+        """
+        program, shapes = self.stages[stage], self.results[stage]
+        flat = jnp.concatenate([jnp.ravel(x) for x in jax.tree.leaves(arguments)])
+        given = [flat] if handed is None else [handed, flat]
+        names = interpreter.registered()
+        kinds = [
+            jax.ShapeDtypeStruct((size,), np.float64)
+            for size in (len(program.outputs), interpreter.memory(program.slots))
+        ]
+        call = jax.ffi.ffi_call(names[interpreter.words(program.code)], kinds, vmap_method="expand_dims")
+        values, _ = call(program.code, program.outputs, program.constants, *given)
+        leaves, structure = jax.tree.flatten(shapes)
+        parts, at = [], 0
+        for leaf in leaves:
+            parts.append(values[at : at + leaf.size].reshape(leaf.shape))
+            at += leaf.size
+        return jax.tree.unflatten(structure, parts), values[at:]
+
+
+def unroll(functions: Sequence[Callable], arguments: Sequence[Any]) -> Unrolled:
+    """Functions of stages of arguments as programs.
+
+    functions   each takes the arguments of its own stage and of all before; what it returns are that stage's results
+    arguments   of each stage: float arrays in any structure, of which only the shapes count
+
+    Raises Unsupported for what cannot be written as operations on single numbers.
+    """
+    graph = Graph()
+    flat, stages, results = [], [], []
+    for number, function in enumerate(functions):
+        leaves = [np.shape(x) for x in jax.tree.leaves(arguments[number])]
+        own = [np.array(graph.inputs(int(np.prod(s))), dtype=np.int64).reshape(s) for s in leaves]
+        flat += own
+        structure = jax.tree.structure(tuple(arguments[: number + 1]))
+
+        def on_leaves(*leaves: Any, structure: Any = structure, function: Callable = function) -> list:
+            return jax.tree.leaves(function(*jax.tree.unflatten(structure, leaves)))
+
+        shapes = [jax.ShapeDtypeStruct(x.shape, np.float64) for x in flat]
+        given = jax.tree.unflatten(structure, shapes)
+        results.append(jax.eval_shape(function, *given))
+        found = trace(graph, on_leaves, flat)
+        stages.append(
+            Stage(
+                [i for x in own for i in x.ravel().tolist()],
+                [i for x in found for i in x.ravel().tolist()],
+            )
+        )
+    return Unrolled(tuple(programs(graph, stages)), tuple(results))
