@@ -18,6 +18,7 @@ from exosight.arrays import AnyArray
 from exosight.cpu import cores
 from exosight.mechanics.continuation import stepper
 from exosight.mechanics.continuation_state import SNAPS, ContinuationState, Records, begin
+from exosight.mechanics.evaluator import by_program, by_xla, program_of
 from exosight.mechanics.metric import metric_of
 
 ROOM = 8, 64
@@ -92,7 +93,8 @@ def solve(
     lanes = min(lanes or (8 if on_cpu else 2048), 1 << max(0, robots - 1).bit_length())
     short, long = ROOM
     room = short if count <= short else long
-    compiled = _compiled(problems.structure)
+    shapes = tuple(leaf.shape[1:] for leaf in problems.leaves)
+    compiled = _compiled(problems.structure, shapes, problems.loads.shape[2])
     queue = _Queue(robots)
     found = _nothing(problems)
 
@@ -239,19 +241,22 @@ class _Queue:
 
 
 @lru_cache(maxsize=64)
-def _compiled(structure: Hashable) -> Callable:
+def _compiled(structure: Hashable, shapes: tuple[tuple[int, ...], ...], channels: int) -> Callable:
     """Step every robot until `enough` of them have all their loads behind them; also the robots' metrics.
 
     For robots of one structure: (its arrays with a leading axis of lanes, lanes, tolerance, max_iterations,
     enough) -> (states, metrics).
     """
 
+    program = program_of(structure, shapes, channels)
+
     def advance(
         leaves: list[Array], lanes: _Lane, tolerance: Array, max_iterations: Array, enough: Array
     ) -> tuple[ContinuationState, Array]:
         def one(leaves: list[Array], lane: _Lane) -> tuple[ContinuationState, Array]:
             robot = jax.tree.unflatten(structure, leaves)
-            step = stepper(robot, lane.loads, lane.total, tolerance, max_iterations)
+            evaluator = by_xla(robot) if program is None else by_program(program, robot)
+            step = stepper(robot, evaluator, lane.loads, lane.total, tolerance, max_iterations)
 
             def going(state: ContinuationState) -> Array:
                 waiting = (state.load == lane.total) | (state.snaps >= SNAPS // 2)

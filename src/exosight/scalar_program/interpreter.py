@@ -47,6 +47,15 @@ def registered() -> dict[int, str]:
 _ENGINES: list[Any] = []
 
 
+def available() -> bool:
+    """Whether LLVM makes the interpreter for this processor, and XLA takes it."""
+    try:
+        registered()
+    except Exception:  # whatever stands in its way, XLA does the same work
+        return False
+    return True
+
+
 def _engine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
@@ -176,7 +185,9 @@ def _result(b: ir.IRBuilder, op: Op, x: list[ir.Value]) -> ir.Value:
     if op in plain:
         return plain[op](*x)
     if op in COMPARE:
-        return b.uitofp(b.fcmp_unordered("!=", *x) if op == Op.NE else b.fcmp_ordered(COMPARE[op], *x), VECTOR)
+        return b.uitofp(
+            b.fcmp_unordered("!=", *x) if op == Op.NE else b.fcmp_ordered(COMPARE[op], *x), VECTOR
+        )
     if op in (Op.MAX, Op.MIN):
         # An unordered comparison: a first argument that is not a number stays so.
         return b.select(b.fcmp_unordered(">" if op == Op.MAX else "<", *x), *x)
@@ -211,7 +222,10 @@ def _call(b: ir.IRBuilder, name: str, x: list[ir.Value]) -> ir.Value:
 
 # Places in the structures of XLA's foreign function interface [bytes].
 EXTENSION, ARGUMENTS, RESULTS = 8, 56, 96  # of a call: extensions, number of arguments, of results
-EXTENSION_KIND, METADATA = 8, 24  # of an extension; a handler is asked for its version through the one of kind 1
+EXTENSION_KIND, METADATA = (
+    8,
+    24,
+)  # of an extension; a handler is asked for its version through the one of kind 1
 MAJOR, MINOR = 24, 28  # of the metadata
 DATA, RANK, SIZES = 24, 32, 40  # of a buffer
 VERSION = 0, 3

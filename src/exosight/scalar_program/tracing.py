@@ -265,7 +265,9 @@ def _scatter(graph: Graph, equation: Any, x: Values, indices: Values, updates: V
     flat = updates.ravel()
     if not all(v in graph.known for v in indices.ravel().tolist()):
         raise Unsupported("scatter to places that depend on the arguments")
-    where = np.array([graph.known[v] for v in indices.ravel().tolist()], dtype=np.int32).reshape(indices.shape)
+    where = np.array([graph.known[v] for v in indices.ravel().tolist()], dtype=np.int32).reshape(
+        indices.shape
+    )
     bind = jax.jit(
         jax.vmap(lambda one: equation.primitive.bind(np.zeros(x.shape), where, one, **equation.params))
     )
@@ -276,7 +278,9 @@ def _scatter(graph: Graph, equation: Any, x: Values, indices: Values, updates: V
 
 
 RULES: dict[str, Callable] = {
-    **{name: _call for name in ("jit", "pjit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2")},
+    **{
+        name: _call for name in ("jit", "pjit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2")
+    },
     **{name: _method("add") for name in ("add", "add_any")},
     **{name: _method(name) for name in ("sub", "mul", "neg")},
     **{name: _operation(Op[name.upper()]) for name in ("lt", "le", "gt", "ge", "eq", "ne", "max", "min")},
