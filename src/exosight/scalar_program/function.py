@@ -49,7 +49,7 @@ class Unrolled(NamedTuple):
 def unroll(functions: Sequence[Callable], arguments: Sequence[Any]) -> Unrolled:
     """Functions of stages of arguments as programs.
 
-    functions   each takes the arguments of its own stage and of all before; what it returns are that stage's results
+    functions   each takes the arguments of its own stage and of all before, and returns that stage's results
     arguments   of each stage: float arrays in any structure, of which only the shapes count
 
     Raises Unsupported for what cannot be written as operations on single numbers.
@@ -62,13 +62,11 @@ def unroll(functions: Sequence[Callable], arguments: Sequence[Any]) -> Unrolled:
         flat += own
         structure = jax.tree.structure(tuple(arguments[: number + 1]))
 
-        def on_leaves(*leaves: Any, structure: Any = structure, function: Callable = function) -> list:
-            return jax.tree.leaves(function(*jax.tree.unflatten(structure, leaves)))
+        def on_leaves(*leaves: Any, structure: Any = structure, function: Callable = function) -> Any:
+            return function(*jax.tree.unflatten(structure, leaves))
 
-        shapes = [jax.ShapeDtypeStruct(x.shape, np.float64) for x in flat]
-        given = jax.tree.unflatten(structure, shapes)
-        results.append(jax.eval_shape(function, *given))
-        found = trace(graph, on_leaves, flat)
+        found, shapes = trace(graph, on_leaves, flat)
+        results.append(shapes)
         stages.append(
             Stage(
                 [i for x in own for i in x.ravel().tolist()],

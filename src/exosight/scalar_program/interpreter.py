@@ -1,4 +1,4 @@
-"""The interpreter: runs a program over eight samples at once in vector registers, as a call that XLA can make.
+"""The interpreter: runs a program over eight samples at once, in vector registers, called by XLA.
 
 It is a loop of a few hundred instructions, made by LLVM (through llvmlite, which comes with Numba) for the
 processor at hand in a fraction of a second: no compiler is needed, and no binary is shipped. XLA calls it
@@ -37,7 +37,7 @@ TARGETS = {16: "exosight_scalar_program_16", 32: "exosight_scalar_program_32"}
 def registered() -> dict[int, str]:
     """The names of `TARGETS`, once XLA knows them; raises what LLVM or JAX raises where it cannot be had."""
     engine = _engine()
-    for bits, name in TARGETS.items():
+    for name in TARGETS.values():
         address = engine.get_function_address(name)
         jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(ctypes.c_void_p(address)), platform="cpu")
     _ENGINES.append(engine)  # the code lives as long as this

@@ -22,7 +22,7 @@ LONGEST_RUN = 60_000
 class Program(NamedTuple):
     """What the interpreter runs. Slots 0, 1, … hold first the constants, then the arguments.
 
-    code        runs of equal operations: operation, count, (terms of a DOT,) then the slots of each, result first
+    code        runs of equal operations: operation, count, terms (of a DOT), then slots of each, result first
     outputs     slots of the results
     constants   values of the first slots
     slots       how many there are

@@ -10,6 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+from jax.lax import GatherScatterMode
 
 from exosight.scalar_program.graph import Graph, Unsupported
 from exosight.scalar_program.operations import Op
@@ -18,10 +19,14 @@ Values = np.ndarray
 """An array of value numbers."""
 
 
-def trace(graph: Graph, function: Callable, inputs: Sequence[Values]) -> list[Values]:
-    """The values of a function of float arrays; raises Unsupported for what cannot be unrolled."""
-    shapes = [jax.ShapeDtypeStruct(x.shape, np.float64) for x in inputs]
-    return _closed(graph, jax.make_jaxpr(function)(*shapes), inputs)
+def trace(graph: Graph, function: Callable, inputs: Sequence[Values]) -> tuple[list[Values], Any]:
+    """The values of a function of float arrays, and their shapes in the structure that it returns.
+
+    Raises Unsupported for what cannot be unrolled.
+    """
+    given = [jax.ShapeDtypeStruct(x.shape, np.float64) for x in inputs]
+    jaxpr, shapes = jax.make_jaxpr(function, return_shape=True)(*given)
+    return _closed(graph, jaxpr, inputs), shapes
 
 
 def _closed(graph: Graph, closed: ClosedJaxpr, inputs: Sequence[Values]) -> list[Values]:
@@ -32,8 +37,9 @@ def _lift(graph: Graph, value: Any) -> Values:
     value = np.asarray(value)
     if value.dtype.kind not in "fiub":
         raise Unsupported(f"numbers of type {value.dtype}")
-    numbers = [graph.constant(v) for v in value.ravel().tolist()]
-    return np.array(numbers, dtype=np.int64).reshape(value.shape)
+    different, which = np.unique(value.astype(float), return_inverse=True)
+    numbers = np.array([graph.constant(v) for v in different.tolist()], dtype=np.int64)
+    return numbers[which].reshape(value.shape)
 
 
 def _run(graph: Graph, jaxpr: Jaxpr, consts: Sequence[Values], inputs: Sequence[Values]) -> list[Values]:
@@ -238,43 +244,102 @@ def _product(graph: Graph, equation: Any, a: Values, b: Values) -> list[Values]:
     return [np.array(results, dtype=np.int64)]
 
 
-def _moved(graph: Graph, equation: Any, x: Values, indices: Sequence[Values]) -> np.ndarray:
-    """Where each element of the result of a gather comes from, −1 for a filling."""
-    places = []
-    for index in indices:
-        if not all(v in graph.known for v in index.ravel().tolist()):
-            raise Unsupported(f"{equation.primitive.name} at places that depend on the arguments")
-        numbers = np.array([graph.known[v] for v in index.ravel().tolist()], dtype=np.int32)
-        places.append(numbers.reshape(index.shape))
-    numbered = np.arange(x.size, dtype=np.float64).reshape(x.shape)
-    params = dict(equation.params)
-    if "fill_value" in params:
-        params["fill_value"] = -1.0
-    return np.asarray(equation.primitive.bind(numbered, *places, **params)).astype(int)
+def _numbers(graph: Graph, equation: Any, values: Values) -> np.ndarray:
+    """Whole numbers that are known beforehand."""
+    flat = values.ravel().tolist()
+    if not all(value in graph.known for value in flat):
+        raise Unsupported(f"{equation.primitive.name} at places that depend on the arguments")
+    return np.array([graph.known[value] for value in flat], dtype=int).reshape(values.shape)
 
 
-def _gather(graph: Graph, equation: Any, x: Values, *indices: Values) -> Values:
-    source = _moved(graph, equation, x, indices)
-    return np.where(source < 0, graph.constant(0.0), x.ravel()[np.maximum(source, 0)])
+def _windows(
+    shape: Sequence[int],
+    sizes: Sequence[int],
+    starts: np.ndarray,
+    axes: Sequence[int],
+    batched: Sequence[tuple[int, int]],
+    clip: bool,
+) -> np.ndarray:
+    """Flat places in an array of the elements of windows, (*starts, *sizes); −1 in windows that lie outside.
+
+    sizes     of a window along each axis of the array
+    starts    (*starts, axes)   first element of each window along `axes`
+    batched   pairs (axis of the array, axis of `starts`) that go together
+    clip      windows that lie outside are moved in
+    """
+    count = starts.shape[:-1]
+    first = np.zeros((*count, len(shape)), dtype=int)
+    first[..., list(axes)] = starts
+    for axis, of_starts in batched:
+        along = np.arange(count[of_starts])
+        first[..., axis] = along.reshape([-1 if i == of_starts else 1 for i in range(len(count))])
+    room = np.array(shape, dtype=int) - np.array(sizes, dtype=int)
+    inside = np.all((first >= 0) & (first <= room), axis=-1)
+    first = np.clip(first, 0, room)
+    within = np.stack(np.indices(sizes), axis=-1) if len(shape) else np.zeros((0,), dtype=int)
+    places = first.reshape(*count, *[1] * len(sizes), len(shape)) + within
+    strides = np.array([int(np.prod(shape[i + 1 :])) for i in range(len(shape))], dtype=int)
+    inside = inside.reshape(*count, *[1] * len(sizes)) | clip
+    return np.where(inside, places @ strides, -1)
 
 
-def _scatter(graph: Graph, equation: Any, x: Values, indices: Values, updates: Values) -> Values:
-    """Element by element of the updates, as several may fall on one place."""
-    adds = equation.primitive.name == "scatter-add"
-    result = x.copy().ravel()
-    flat = updates.ravel()
-    if not all(v in graph.known for v in indices.ravel().tolist()):
-        raise Unsupported("scatter to places that depend on the arguments")
-    where = np.array([graph.known[v] for v in indices.ravel().tolist()], dtype=np.int32).reshape(
-        indices.shape
+def _gather(graph: Graph, equation: Any, x: Values, starts: Values) -> Values:
+    params = equation.params
+    numbers, sizes = params["dimension_numbers"], params["slice_sizes"]
+    mode = params["mode"]
+    places = _windows(
+        x.shape,
+        sizes,
+        _numbers(graph, equation, starts),
+        numbers.start_index_map,
+        list(zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True)),
+        clip=mode == GatherScatterMode.CLIP,
     )
-    bind = jax.jit(
-        jax.vmap(lambda one: equation.primitive.bind(np.zeros(x.shape), where, one, **equation.params))
+    kept = [
+        size
+        for axis, size in enumerate(sizes)
+        if axis not in (*numbers.collapsed_slice_dims, *numbers.operand_batching_dims)
+    ]
+    count = places.shape[: starts.ndim - 1]
+    places = np.moveaxis(
+        places.reshape(*count, *kept), range(len(count), len(count) + len(kept)), numbers.offset_dims
     )
-    hits = np.asarray(bind(np.eye(flat.size).reshape(-1, *updates.shape))).reshape(flat.size, -1)
-    for number, place in np.argwhere(hits):
-        result[place] = graph.add(int(result[place]), int(flat[number])) if adds else flat[number]
+    filling = params["fill_value"]
+    empty = graph.constant(np.nan if filling is None else float(filling))
+    return np.where(places < 0, empty, x.ravel()[np.maximum(places, 0)])
+
+
+def _scatter(graph: Graph, equation: Any, x: Values, starts: Values, updates: Values) -> Values:
+    params = equation.params
+    numbers = params["dimension_numbers"]
+    window = numbers.update_window_dims
+    single = (*numbers.inserted_window_dims, *numbers.operand_batching_dims)
+    sizes = np.ones(x.ndim, dtype=int)
+    sizes[[axis for axis in range(x.ndim) if axis not in single]] = [updates.shape[i] for i in window]
+    places = _windows(
+        x.shape,
+        sizes.tolist(),
+        _numbers(graph, equation, starts),
+        numbers.scatter_dims_to_operand_dims,
+        list(zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True)),
+        clip=params["mode"] == GatherScatterMode.CLIP,
+    )
+    others = [i for i in range(updates.ndim) if i not in window]
+    result = x.flatten()
+    for place, value in zip(
+        places.ravel().tolist(), updates.transpose(*others, *window).ravel().tolist(), strict=True
+    ):
+        if place >= 0:
+            adds = equation.primitive.name == "scatter-add"
+            result[place] = graph.add(int(result[place]), value) if adds else value
     return result
+
+
+def _dynamic_slice(graph: Graph, equation: Any, x: Values, *starts: Values) -> Values:
+    sizes = equation.params["slice_sizes"]
+    room = np.array(x.shape) - sizes
+    first = np.clip([_numbers(graph, equation, start) for start in starts], 0, room)
+    return x[tuple(slice(a, a + size) for a, size in zip(first, sizes, strict=True))]
 
 
 RULES: dict[str, Callable] = {
@@ -308,7 +373,7 @@ RULES: dict[str, Callable] = {
     "stack": lambda graph, equation, *x: np.stack(x, axis=equation.params["axis"]),
     "rev": lambda graph, equation, x: np.flip(x, equation.params["dimensions"]),
     "slice": _slice,
-    "dynamic_slice": _gather,
+    "dynamic_slice": _dynamic_slice,
     "split": lambda graph, equation, x: np.split(
         x, np.cumsum(equation.params["sizes"])[:-1], axis=equation.params["axis"]
     ),
