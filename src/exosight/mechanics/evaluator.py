@@ -12,7 +12,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation, potential
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
@@ -26,8 +25,8 @@ class Evaluator(NamedTuple):
     step_fraction  (that, step) -> how much of a step from there the expansion holds for
     """
 
-    evaluate: Callable[[Float[AnyArray, " dofs"], Float[AnyArray, " channels"]], tuple[Evaluation, Any]]
-    step_fraction: Callable[[Any, Float[AnyArray, " dofs"]], Float[Array, ""]]
+    evaluate: Callable[[Float[Array, " dofs"], Float[Array, " channels"]], tuple[Evaluation, Any]]
+    step_fraction: Callable[[Any, Float[Array, " dofs"]], Float[Array, ""]]
 
 
 def by_xla(robot: Robot) -> Evaluator:
@@ -39,7 +38,7 @@ def by_program(program: Unrolled, robot: Robot) -> Evaluator:
     """As a program of its structure."""
     _, design = program(0, None, jax.tree.leaves(robot))
 
-    def evaluate(q: Float[AnyArray, " dofs"], loads: Float[AnyArray, " channels"]) -> tuple[Evaluation, Any]:
+    def evaluate(q: Float[Array, " dofs"], loads: Float[Array, " channels"]) -> tuple[Evaluation, Any]:
         return program(1, design, (q, loads))
 
     return Evaluator(evaluate, lambda pose, step: program(2, pose, (step,))[0])
@@ -54,14 +53,14 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
     if jax.default_backend() != "cpu" or not available():
         return None
 
-    def pose(leaves: list[AnyArray], at: tuple[AnyArray, AnyArray]) -> tuple[Evaluation, Motion, Robot]:
+    def pose(leaves: list[Array], at: tuple[Array, Array]) -> tuple[Evaluation, Motion, Robot]:
         robot = jax.tree.unflatten(structure, leaves)
         return *potential(robot)(*at), robot
 
-    def evaluation(leaves: list[AnyArray], at: tuple[AnyArray, AnyArray]) -> Evaluation:
+    def evaluation(leaves: list[Array], at: tuple[Array, Array]) -> Evaluation:
         return pose(leaves, at)[0]
 
-    def fraction(leaves: list[AnyArray], at: tuple[AnyArray, AnyArray], step: tuple[AnyArray]) -> Array:
+    def fraction(leaves: list[Array], at: tuple[Array, Array], step: tuple[Array]) -> Array:
         _, motion, robot = pose(leaves, at)
         return _step_fraction(robot, motion, *step)
 
@@ -74,6 +73,6 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
         return None
 
 
-def _step_fraction(robot: Robot, motion: Motion, step: Float[AnyArray, " dofs"]) -> Float[Array, ""]:
+def _step_fraction(robot: Robot, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
     fractions = [term.max_step_fraction(robot, motion, step) for term in robot.terms]
     return jnp.min(jnp.stack([jnp.array(1e30), *fractions]))

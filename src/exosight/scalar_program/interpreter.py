@@ -10,7 +10,7 @@ import ctypes
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import jax
 import llvmlite.binding as llvm
@@ -22,7 +22,11 @@ from exosight.scalar_program.operations import LIBRARY, Op
 LANES = 8
 """Samples side by side: one vector register of AVX-512, two of AVX2, four of SSE or NEON."""
 
-BIT, BYTE, WORD, LONG = ir.IntType(1), ir.IntType(8), ir.IntType(32), ir.IntType(64)
+Builder: TypeAlias = Any
+Value: TypeAlias = Any
+"""llvmlite's types of its own objects are too wide to check calls by."""
+
+BIT, WORD, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 DOUBLE, POINTER = ir.DoubleType(), ir.IntType(8).as_pointer()
 VECTOR, MASK = ir.VectorType(DOUBLE, LANES), ir.VectorType(BIT, LANES)
 ALIGNMENT = 8 * LANES
@@ -81,14 +85,14 @@ def _engine() -> Any:
     return engine
 
 
-def _variable(b: ir.IRBuilder, kind: ir.Type) -> ir.Value:
+def _variable(b: Builder, kind: ir.Type) -> Value:
     """A place for a value that changes, in the function's first block: made once, kept in a register."""
     with b.goto_entry_block():
         return b.alloca(kind)
 
 
 @contextmanager
-def _loop(b: ir.IRBuilder, count: ir.Value) -> Iterator[ir.Value]:
+def _loop(b: Builder, count: Value) -> Iterator[Value]:
     """A loop over 0, 1, … count − 1; yields the index."""
     start, head = b.block, b.append_basic_block("head")
     body, done = b.append_basic_block("body"), b.append_basic_block("done")
@@ -104,13 +108,13 @@ def _loop(b: ir.IRBuilder, count: ir.Value) -> Iterator[ir.Value]:
     b.position_at_end(done)
 
 
-def _run(module: ir.Module, word: ir.IntType) -> ir.Function:
+def _run(module: ir.Module, word: ir.IntType) -> Value:
     """The function (code, end of code, slots) that runs a program once."""
     kind = ir.FunctionType(ir.VoidType(), [word.as_pointer(), word.as_pointer(), VECTOR.as_pointer()])
     function = ir.Function(module, kind, f"run_{word.width}")
     function.linkage = "internal"
     code, end, slots = function.args
-    b = ir.IRBuilder(function.append_basic_block("entry"))
+    b: Builder = ir.IRBuilder(function.append_basic_block("entry"))
     place = _variable(b, word.as_pointer())
     b.store(code, place)
     head, body, done = (b.append_basic_block(name) for name in ("next", "run", "end"))
@@ -121,7 +125,7 @@ def _run(module: ir.Module, word: ir.IntType) -> ir.Function:
     b.ret_void()
     b.position_at_end(body)
 
-    def take(b: ir.IRBuilder) -> ir.Value:
+    def take(b: Builder) -> Value:
         """The next word of the code."""
         here = b.load(place)
         b.store(b.gep(here, [LONG(1)]), place)
@@ -143,13 +147,13 @@ def _run(module: ir.Module, word: ir.IntType) -> ir.Function:
     return function
 
 
-def _one_kind(b: ir.IRBuilder, op: Op, count: ir.Value, slots: ir.Value, take: Callable) -> None:
+def _one_kind(b: Builder, op: Op, count: Value, slots: Value, take: Callable) -> None:
     """A run of `count` operations of one kind."""
 
-    def slot() -> ir.Value:
+    def slot() -> Value:
         return b.gep(slots, [take(b)], inbounds=True)
 
-    def read() -> ir.Value:
+    def read() -> Value:
         return b.load(slot(), align=ALIGNMENT)
 
     terms = take(b) if op == Op.DOT else None
@@ -173,12 +177,12 @@ def _arity(op: Op) -> int:
     return 1 if one or op in (Op.NEG, Op.NOT, Op.ABS, Op.SQRT) else 2
 
 
-def _multiply_add(b: ir.IRBuilder, x: ir.Value, y: ir.Value, z: ir.Value) -> ir.Value:
+def _multiply_add(b: Builder, x: Value, y: Value, z: Value) -> Value:
     """x y + z, in one rounding where the processor has it."""
     return _call(b, f"llvm.fmuladd.v{LANES}f64", [x, y, z])
 
 
-def _result(b: ir.IRBuilder, op: Op, x: list[ir.Value]) -> ir.Value:
+def _result(b: Builder, op: Op, x: list[Value]) -> Value:
     """One operation on vectors."""
     zero, one = ir.Constant(VECTOR, [0.0] * LANES), ir.Constant(VECTOR, [1.0] * LANES)
     plain = {Op.ADD: b.fadd, Op.SUB: b.fsub, Op.MUL: b.fmul, Op.DIV: b.fdiv, Op.NEG: b.fneg}
@@ -211,7 +215,7 @@ def _result(b: ir.IRBuilder, op: Op, x: list[ir.Value]) -> ir.Value:
     return result
 
 
-def _call(b: ir.IRBuilder, name: str, x: list[ir.Value]) -> ir.Value:
+def _call(b: Builder, name: str, x: list[Value]) -> Value:
     """A function of the C library or an intrinsic, whose result is of the type of its arguments."""
     function = b.module.globals.get(name)
     if function is None:
@@ -231,15 +235,15 @@ DATA, RANK, SIZES = 24, 32, 40  # of a buffer
 VERSION = 0, 3
 
 
-def _field(b: ir.IRBuilder, base: ir.Value, offset: int, kind: ir.Type) -> ir.Value:
+def _field(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
     return b.load(_at(b, base, offset, kind))
 
 
-def _at(b: ir.IRBuilder, base: ir.Value, offset: int, kind: ir.Type) -> ir.Value:
+def _at(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
     return b.bitcast(b.gep(b.bitcast(base, POINTER), [LONG(offset)]), kind.as_pointer())
 
 
-def _handler(module: ir.Module, name: str, run: ir.Function) -> None:
+def _handler(module: ir.Module, name: str, run: Value) -> None:
     """The function that XLA calls: (code, output slots, constants, arguments …) -> (results, memory).
 
     The arguments have shape (…, values) of any leading sizes, or one sample for all.
@@ -247,7 +251,7 @@ def _handler(module: ir.Module, name: str, run: ir.Function) -> None:
     word = run.args[0].type.pointee
     function = ir.Function(module, ir.FunctionType(POINTER, [POINTER]), name)
     frame = function.args[0]
-    b = ir.IRBuilder(function.append_basic_block("entry"))
+    b: Builder = ir.IRBuilder(function.append_basic_block("entry"))
     null = ir.Constant(POINTER, None)
     extension = _field(b, frame, EXTENSION, POINTER)
     asked, work = b.append_basic_block("asked"), b.append_basic_block("work")
@@ -279,7 +283,7 @@ def _handler(module: ir.Module, name: str, run: ir.Function) -> None:
     b.ret(null)
 
 
-def _buffer(b: ir.IRBuilder, frame: ir.Value, where: int, number: ir.Value) -> tuple[ir.Value, ...]:
+def _buffer(b: Builder, frame: Value, where: int, number: Value) -> tuple[Value, ...]:
     """Data, samples and values a sample of a buffer."""
     buffers = _field(b, frame, where + 16, POINTER.as_pointer())
     buffer = b.load(b.gep(buffers, [number]))
@@ -292,7 +296,7 @@ def _buffer(b: ir.IRBuilder, frame: ir.Value, where: int, number: ir.Value) -> t
     return _field(b, buffer, DATA, POINTER), b.load(total), b.load(b.gep(sizes, [leading]))
 
 
-def _load_constants(b: ir.IRBuilder, constants: tuple[ir.Value, ...], slots: ir.Value) -> None:
+def _load_constants(b: Builder, constants: tuple[Value, ...], slots: Value) -> None:
     numbers = b.bitcast(constants[0], DOUBLE.as_pointer())
     with _loop(b, constants[2]) as i:
         one = b.insert_element(ir.Constant(VECTOR, ir.Undefined), b.load(b.gep(numbers, [i])), WORD(0))
@@ -302,9 +306,7 @@ def _load_constants(b: ir.IRBuilder, constants: tuple[ir.Value, ...], slots: ir.
         b.store(spread, b.gep(slots, [i]), align=ALIGNMENT)
 
 
-def _load_arguments(
-    b: ir.IRBuilder, frame: ir.Value, slots: ir.Value, first: ir.Value, rows: list[ir.Value]
-) -> None:
+def _load_arguments(b: Builder, frame: Value, slots: Value, first: Value, rows: list[Value]) -> None:
     """Every argument after the first three into the slots from `first` on."""
     place = _variable(b, LONG)
     b.store(first, place)
@@ -324,11 +326,11 @@ def _load_arguments(
 
 
 def _store_results(
-    b: ir.IRBuilder,
-    outputs: tuple[ir.Value, ...],
-    slots: ir.Value,
-    result: tuple[ir.Value, ...],
-    rows: list[ir.Value],
+    b: Builder,
+    outputs: tuple[Value, ...],
+    slots: Value,
+    result: tuple[Value, ...],
+    rows: list[Value],
 ) -> None:
     places = b.bitcast(outputs[0], WORD.as_pointer())
     numbers = b.bitcast(result[0], DOUBLE.as_pointer())

@@ -9,7 +9,7 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+from jax.extend.core import ClosedJaxpr, Literal
 from jax.lax import GatherScatterMode
 
 from exosight.scalar_program.graph import Graph, Unsupported
@@ -42,7 +42,7 @@ def _lift(graph: Graph, value: Any) -> Values:
     return numbers[which].reshape(value.shape)
 
 
-def _run(graph: Graph, jaxpr: Jaxpr, consts: Sequence[Values], inputs: Sequence[Values]) -> list[Values]:
+def _run(graph: Graph, jaxpr: Any, consts: Sequence[Values], inputs: Sequence[Values]) -> list[Values]:
     values: dict[Any, Values] = {}
 
     def read(name: Any) -> Values:
@@ -276,7 +276,7 @@ def _windows(
     room = np.array(shape, dtype=int) - np.array(sizes, dtype=int)
     inside = np.all((first >= 0) & (first <= room), axis=-1)
     first = np.clip(first, 0, room)
-    within = np.stack(np.indices(sizes), axis=-1) if len(shape) else np.zeros((0,), dtype=int)
+    within = np.moveaxis(np.indices(sizes), 0, -1) if len(shape) else np.zeros((0,), dtype=int)
     places = first.reshape(*count, *[1] * len(sizes), len(shape)) + within
     strides = np.array([int(np.prod(shape[i + 1 :])) for i in range(len(shape))], dtype=int)
     inside = inside.reshape(*count, *[1] * len(sizes)) | clip
