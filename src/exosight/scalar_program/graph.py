@@ -13,6 +13,9 @@ from exosight.scalar_program.operations import FOLD, Op
 TOO_MANY = 3_000_000
 """Operations of a graph: beyond, unrolling a function is not worth its time and memory."""
 
+LONGEST_DOT = 10_000
+"""Products of one sum; their number has to fit in 16 bits."""
+
 
 class Unsupported(Exception):
     """The function cannot be written as operations on single numbers."""
@@ -146,6 +149,8 @@ class Graph:
             for a, b in kept:
                 whole = self.add(whole, self.mul(a, b))
             return whole
+        if len(kept) > LONGEST_DOT:
+            return self.add(self.dot(kept[:LONGEST_DOT]), self.dot(kept[LONGEST_DOT:]))
         whole = self._new(int(Op.DOT), tuple(value for pair in kept for value in pair))
         return self.add(whole, self.constant(offset)) if offset else whole
 

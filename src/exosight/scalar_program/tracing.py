@@ -39,7 +39,7 @@ def _lift(graph: Graph, value: Any) -> Values:
         raise Unsupported(f"numbers of type {value.dtype}")
     different, which = np.unique(value.astype(float), return_inverse=True)
     numbers = np.array([graph.constant(v) for v in different.tolist()], dtype=np.int64)
-    return numbers[which].reshape(value.shape)
+    return np.asarray(numbers[which]).reshape(value.shape)
 
 
 def _run(graph: Graph, jaxpr: Any, consts: Sequence[Values], inputs: Sequence[Values]) -> list[Values]:
@@ -65,7 +65,7 @@ def _run(graph: Graph, jaxpr: Any, consts: Sequence[Values], inputs: Sequence[Va
 
 def _each(function: Callable, *arrays: Values) -> Values:
     """A scalar function on arrays of value numbers, broadcast."""
-    return np.frompyfunc(function, len(arrays), 1)(*arrays)
+    return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=np.int64)
 
 
 def _operation(op: Op) -> Callable:
