@@ -21,8 +21,8 @@ class Unrolled(NamedTuple):
     results: tuple[Any, ...]
 
     def __call__(
-        self, stage: int, handed: Float[Array, " values"] | None, arguments: Sequence[Any]
-    ) -> tuple[Any, Float[Array, " values"]]:
+        self, stage: int, handed: Float[Array, " handed"] | None, arguments: Sequence[Any]
+    ) -> tuple[Any, Float[Array, " handing"]]:
         """The results of a stage, and what it hands on.
 
         handed      what the stage before handed on; none for the first
