@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
+from exosight.arrays import AnyArray
 from exosight.scalar_program import interpreter
 from exosight.scalar_program.graph import Graph
 from exosight.scalar_program.program import Program, Stage, programs
@@ -21,8 +22,8 @@ class Unrolled(NamedTuple):
     results: tuple[Any, ...]
 
     def __call__(
-        self, stage: int, handed: Float[Array, " handed"] | None, arguments: Sequence[Any]
-    ) -> tuple[Any, Float[Array, " handing"]]:
+        self, stage: int, handed: Float[AnyArray, " handed"] | None, arguments: Any
+    ) -> tuple[Any, Float[AnyArray, " handing"]]:
         """The results of a stage, and what it hands on.
 
         handed      what the stage before handed on; none for the first

@@ -45,6 +45,7 @@ class Op(IntEnum):
     LOG1P = 34
     POW = 35
     ATAN2 = 36
+    CBRT = 37
     CONSTANT = -1
     INPUT = -2
 
@@ -63,6 +64,7 @@ LIBRARY = {
     Op.LOG: "log",
     Op.EXPM1: "expm1",
     Op.LOG1P: "log1p",
+    Op.CBRT: "cbrt",
     Op.POW: "pow",
     Op.ATAN2: "atan2",
 }
@@ -96,6 +98,7 @@ FOLD = {
     Op.LOG: np.log,
     Op.EXPM1: np.expm1,
     Op.LOG1P: np.log1p,
+    Op.CBRT: np.cbrt,
     Op.POW: np.power,
     Op.ATAN2: np.arctan2,
 }

@@ -96,6 +96,20 @@ def _call(graph: Graph, equation: Any, *x: Values) -> list[Values]:
     return _closed(graph, inner, x) if isinstance(inner, ClosedJaxpr) else _run(graph, inner, [], x)
 
 
+def _platform(graph: Graph, equation: Any) -> Values:
+    """Which of the functions for several platforms is that for CPUs, or for all others (None)."""
+    platforms = equation.params["platforms"]
+    for_cpu = [i for i, names in enumerate(platforms) if names is None or "cpu" in names]
+    return _lift(graph, np.array(for_cpu[0]))
+
+
+def _branch(graph: Graph, equation: Any, which: Values, *x: Values) -> list[Values]:
+    """One of several functions, if it is known which."""
+    branches = equation.params["branches"]
+    at = int(np.clip(_numbers(graph, equation, which), 0, len(branches) - 1))
+    return _closed(graph, branches[at], x)
+
+
 def _scan(graph: Graph, equation: Any, *x: Values) -> list[Values]:
     params = equation.params
     fixed, carried, length = params["num_consts"], params["num_carry"], params["length"]
@@ -131,6 +145,11 @@ def _sign(graph: Graph, equation: Any, x: Values) -> Values:
         return graph.sub(graph.apply(Op.GT, a, zero), graph.apply(Op.LT, a, zero))
 
     return _each(sign, x)
+
+
+def _finite(graph: Graph, equation: Any, x: Values) -> Values:
+    infinity = graph.constant(np.inf)
+    return _each(lambda a: graph.apply(Op.LT, graph.apply(Op.ABS, a), infinity), x)
 
 
 def _select(graph: Graph, equation: Any, which: Values, *cases: Values) -> Values:
@@ -248,7 +267,7 @@ def _numbers(graph: Graph, equation: Any, values: Values) -> np.ndarray:
     """Whole numbers that are known beforehand."""
     flat = values.ravel().tolist()
     if not all(value in graph.known for value in flat):
-        raise Unsupported(f"{equation.primitive.name} at places that depend on the arguments")
+        raise Unsupported(f"{equation.primitive.name} by numbers that depend on the arguments")
     return np.array([graph.known[value] for value in flat], dtype=int).reshape(values.shape)
 
 
@@ -256,7 +275,7 @@ def _windows(
     shape: Sequence[int],
     sizes: Sequence[int],
     starts: np.ndarray,
-    axes: Sequence[int],
+    axes: Sequence,
     batched: Sequence[tuple[int, int]],
     clip: bool,
 ) -> np.ndarray:
@@ -351,7 +370,10 @@ RULES: dict[str, Callable] = {
     **{name: _operation(Op[name.upper()]) for name in ("lt", "le", "gt", "ge", "eq", "ne", "max", "min")},
     **{name: _operation(Op[name.upper()]) for name in ("abs", "sqrt", "sin", "cos", "tan")},
     **{name: _operation(Op[name.upper()]) for name in ("asin", "acos", "atan", "sinh", "cosh", "tanh")},
-    **{name: _operation(Op[name.upper()]) for name in ("exp", "log", "expm1", "log1p", "pow", "atan2")},
+    **{
+        name: _operation(Op[name.upper()])
+        for name in ("exp", "log", "expm1", "log1p", "pow", "atan2", "cbrt")
+    },
     **{name: _logical(Op[name.upper()]) for name in ("and", "or", "not")},
     **{name: lambda graph, equation, x: x for name in ("copy", "copy_p", "stop_gradient")},
     **{
@@ -363,6 +385,9 @@ RULES: dict[str, Callable] = {
     "integer_pow": _power,
     "rsqrt": _inverse_root,
     "sign": _sign,
+    "platform_index": _platform,
+    "cond": _branch,
+    "is_finite": _finite,
     "select_n": _select,
     "clamp": _clamp,
     "convert_element_type": _convert,
