@@ -8,7 +8,17 @@ import pytest
 
 SOURCE = Path(__file__).parents[1] / "src" / "exosight"
 ORDER = (
-    *("lie", "mechanics", "system", "exosuit", "vision", "dataset", "learning", "evaluation"),
+    *(
+        "lie",
+        "scalar_program",
+        "mechanics",
+        "system",
+        "exosuit",
+        "vision",
+        "dataset",
+        "learning",
+        "evaluation",
+    ),
     *("control", "environment", "lab", "app"),
 )
 SHARED = {"arrays", "errors", "files", "validation"}

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float
 from exosight.mechanics.energy import Evaluation, potential
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
-from exosight.scalar_program import Unrolled, Unsupported, available, unroll
+from exosight.scalar_program import Unrolled, Unsupported, unroll
 
 
 class Evaluator(NamedTuple):
@@ -50,7 +50,7 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
 
     There is none without a CPU, or where a function holds what cannot be unrolled.
     """
-    if jax.default_backend() != "cpu" or not available():
+    if jax.default_backend() != "cpu":
         return None
 
     def pose(leaves: list[Array], at: tuple[Array, Array]) -> tuple[Evaluation, Motion, Robot]:

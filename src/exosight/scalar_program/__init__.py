@@ -7,6 +7,6 @@ The function itself stays the only source: its jaxpr is unrolled (`tracing`) to 
 
 from exosight.scalar_program.function import Unrolled, unroll
 from exosight.scalar_program.graph import Unsupported
-from exosight.scalar_program.interpreter import available
+from exosight.scalar_program.interpreter import obstacle
 
-__all__ = ["Unrolled", "Unsupported", "available", "unroll"]
+__all__ = ["Unrolled", "Unsupported", "obstacle", "unroll"]

@@ -1,7 +1,8 @@
 """Functions of arguments that become known one after the other, unrolled and called from JAX."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,12 +11,13 @@ from jaxtyping import Float
 
 from exosight.arrays import AnyArray
 from exosight.scalar_program import interpreter
-from exosight.scalar_program.graph import Graph
+from exosight.scalar_program.graph import Graph, Unsupported
 from exosight.scalar_program.program import Program, Stage, programs
 from exosight.scalar_program.tracing import trace
 
 
-class Unrolled(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Unrolled:
     """Programs of the stages of a function, with the shapes of their results."""
 
     stages: tuple[Program, ...]
@@ -32,12 +34,12 @@ class Unrolled(NamedTuple):
         program, shapes = self.stages[stage], self.results[stage]
         flat = jnp.concatenate([jnp.ravel(x) for x in jax.tree.leaves(arguments)])
         given = [flat] if handed is None else [handed, flat]
-        names = interpreter.registered()
         kinds = [
             jax.ShapeDtypeStruct((size,), np.float64)
             for size in (len(program.outputs), interpreter.memory(program.slots))
         ]
-        call = jax.ffi.ffi_call(names[interpreter.words(program.code)], kinds, vmap_method="expand_dims")
+        target = interpreter.TARGETS[8 * program.code.dtype.itemsize]
+        call = jax.ffi.ffi_call(target, kinds, vmap_method="expand_dims")
         values, _ = call(program.code, program.outputs, program.constants, *given)
         leaves, structure = jax.tree.flatten(shapes)
         parts, at = [], 0
@@ -53,8 +55,10 @@ def unroll(functions: Sequence[Callable], arguments: Sequence[Any]) -> Unrolled:
     functions   each takes the arguments of its own stage and of all before, and returns that stage's results
     arguments   of each stage: float arrays in any structure, of which only the shapes count
 
-    Raises Unsupported for what cannot be written as operations on single numbers.
+    Raises Unsupported for what cannot be written as operations on single numbers, or without an interpreter.
     """
+    if why := interpreter.obstacle():
+        raise Unsupported(why)
     graph = Graph()
     flat, stages, results = [], [], []
     for number, function in enumerate(functions):

@@ -7,14 +7,13 @@ Structures of that interface: xla/ffi/api/c_api.h, version 0.3.
 """
 
 import ctypes
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from typing import Any, TypeAlias
 
 import jax
 import llvmlite.binding as llvm
-import numpy as np
 from llvmlite import ir
 
 from exosight.scalar_program.operations import LIBRARY, Op
@@ -38,40 +37,37 @@ TARGETS = {16: "exosight_scalar_program_16", 32: "exosight_scalar_program_32"}
 
 
 @cache
-def registered() -> dict[int, str]:
-    """The names of `TARGETS`, once XLA knows them; raises what LLVM or JAX raises where it cannot be had."""
-    engine = _engine()
-    for name in TARGETS.values():
+def obstacle() -> str:
+    """Why there is no interpreter on this machine; empty where LLVM makes it and XLA takes it."""
+    try:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        register(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    except Exception as error:  # whatever stands in its way, XLA can do the same work
+        return (str(error).splitlines() or [type(error).__name__])[0]
+    return ""
+
+
+def register(processor: str, features: str, targets: Mapping[int, str] = TARGETS) -> None:
+    """Make the interpreter for a processor (LLVM's names), known to XLA under the names of targets."""
+    engine = _engine(processor, features, targets)
+    for name in targets.values():
         address = engine.get_function_address(name)
         jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(ctypes.c_void_p(address)), platform="cpu")
     _ENGINES.append(engine)  # the code lives as long as this
-    return TARGETS
 
 
 _ENGINES: list[Any] = []
 
 
-def available() -> bool:
-    """Whether LLVM makes the interpreter for this processor, and XLA takes it."""
-    try:
-        registered()
-    except Exception:  # whatever stands in its way, XLA does the same work
-        return False
-    return True
-
-
-def _engine() -> Any:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    machine = llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=3
-    )
+def _engine(processor: str, features: str, targets: Mapping[int, str]) -> Any:
+    machine = llvm.Target.from_default_triple().create_target_machine(cpu=processor, features=features, opt=3)
     library = ctypes.CDLL(None)
     for name in LIBRARY.values():
         llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
     module = ir.Module("scalar_program")
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
-    for bits, name in TARGETS.items():
+    for bits, name in targets.items():
         _handler(module, name, _run(module, ir.IntType(bits)))
     parsed = llvm.parse_assembly(str(module))
     parsed.verify()
@@ -345,8 +341,3 @@ def _store_results(
 def memory(slots: int) -> int:
     """Numbers of memory that a program of so many slots needs."""
     return (slots + 1) * LANES
-
-
-def words(code: np.ndarray) -> int:
-    """Bits of a word of code."""
-    return 8 * code.dtype.itemsize

@@ -63,7 +63,7 @@ def _run(graph: Graph, jaxpr: Any, consts: Sequence[Values], inputs: Sequence[Va
     return [read(v) for v in jaxpr.outvars]
 
 
-def _each(function: Callable, *arrays: Values) -> Values:
+def _each(function: Callable, *arrays: Any) -> Values:
     """A scalar function on arrays of value numbers, broadcast."""
     return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=np.int64)
 
