@@ -5,6 +5,7 @@ equal arguments are one.
 """
 
 from collections.abc import Iterable
+from typing import no_type_check
 
 import numpy as np
 
@@ -21,6 +22,7 @@ class Unsupported(Exception):
     """The function cannot be written as operations on single numbers."""
 
 
+@no_type_check  # called a million times: the tests would spend longer on checking types at run time
 class Graph:
     """Values are numbered; `op[i]` and `args[i]` say how value i is made, `known` which are numbers."""
 
