@@ -67,7 +67,7 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
     for stage, where, words in (
         ("simulating", "exosight.dataset.generation.simulate_designs", first),
         ("second network", "exosight.app.study._judgement", again),
-        ("closed loop", "exosight.app.study.run_trials", again),
+        ("closed loop", "exosight.app.study.run_with_progress", again),
     ):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(where, stopped)

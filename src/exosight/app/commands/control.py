@@ -47,15 +47,14 @@ def control(
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
     from exosight.app.control_command import (
-        run_targets,
-        run_trials,
+        held_and_released,
+        run_with_progress,
         summaries,
-        trials_of,
         trials_table,
         write_trials,
     )
     from exosight.app.nominal import nominal_system
-    from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, true_reading
+    from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials, true_reading
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.catalogue import find_system
     from exosight.exosuit.published import PublishedDesigns
@@ -64,12 +63,12 @@ def control(
     estimator = None if model is None else OnnxEstimator.load(model)
     driven = nominal_system(designs, Exosuit(CONTROL_SHAPE), estimator)
     measure = true_reading(sensor) if estimator is None else from_image(estimator, driven.schema, sensor)
-    papers = isinstance(designs, PublishedDesigns) and not (sensor or channel or targets or gains)
+    if isinstance(designs, PublishedDesigns) and not (sensor or channel or targets or gains):
+        asked = published_trials()
+    else:
+        asked = held_and_released(driven, sensor, channel, targets, gains)
     with new_folder(out) if out is not None else nullcontext() as folder:
-        if papers:
-            trials = trials_of(run_trials(driven, measure))
-        else:
-            trials = run_targets(driven, measure, sensor, channel, targets, gains)
+        trials = run_with_progress(driven, measure, asked, sensor, channel)
         if folder is not None:
             write_trials(trials, model and str(model), driven.camera(), folder)
     if out is not None:
