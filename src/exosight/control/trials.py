@@ -30,7 +30,7 @@ STEP_GAINS = (0.1, 1.0, 100.0)
 """K_P of the step responses [N/N]."""
 
 
-Asked = tuple[float, Float[np.ndarray, " steps"]]
+Asked = tuple[float, Float[np.ndarray, " _"]]
 """Gain K_P [the channel's unit per that of the sensor], and the target of each step [the sensor's unit]."""
 
 
