@@ -132,7 +132,7 @@ def test_shipped_network_steers_where_it_fits_the_camera(tmp_path: Path) -> None
     assert (own.shipped, other.shipped) == (False, True)
     assert {"control", "control_shipped"} == {path.name for path in tmp_path.iterdir()}
     # The same network and plant: the same loop.
-    np.testing.assert_array_equal(own.steady[0].trace.command, other.steady[0].trace.command)
+    np.testing.assert_array_equal(own.constant[0].record.command, other.constant[0].record.command)
 
 
 def test_finished_study_is_returned_as_it_is(
