@@ -60,8 +60,8 @@ def held_and_released(
     """
     if not (targets and gains):
         known = tune(system, sensor, channel)
-        targets = targets or (0.5 * float(known.loading.controlled.max()),)
-        gains = gains or (known.smallest_gain,)
+        targets = targets or (known.default_target,)
+        gains = gains or (known.default_gain,)
     steps = round(STEP_SECONDS * RATE)
     return [(gain, hold_and_release(target, steps)) for target in targets for gain in gains]
 

@@ -43,8 +43,10 @@ class DeviceOptions:
 class RunOptions:
     """Target, duration, rate and limits."""
 
-    target: Annotated[float, Field(ge=0, le=50)] = 0.25
-    """of the controlled sensor, F_net of the published system [its unit]"""
+    target: Annotated[Annotated[float, Field(ge=0, le=50)] | None, tyro.conf.arg(help_behavior_hint="")] = (
+        None
+    )
+    """of the controlled sensor [its unit]; default: half of its largest reading within the limits"""
     seconds: Annotated[float, Field(gt=0, le=1e6)] = 20.0
     """for how long [s]"""
     rate: Annotated[float, Field(gt=0, le=1000)] = 10.0
@@ -116,8 +118,12 @@ def live(
     say("tuning the controller on a simulation of the system")
     limits = {"contact_limit": run.contact_limit, "rate": run.max_rate}
     config = tune(system, loop.sensor, loop.channel, period=1 / run.rate, **limits)
-    target, log = [run.target] * max(1, round(run.seconds * run.rate)), Log(say, config)
-    started = LiveRun(system, network, model or DEFAULT_MODEL, config, target, run.record)
+    target = config.default_target if run.target is None else run.target
+    if target > (largest := float(config.loading.controlled[-1])):
+        unit = config.controlled.unit
+        say(f"{config.sensor} reads at most {largest:.3f} {unit} within the limits, less than the target")
+    targets, log = [target] * max(1, round(run.seconds * run.rate)), Log(say, config)
+    started = LiveRun(system, network, model or DEFAULT_MODEL, config, targets, run.record)
     try:
         if device.source is None:
             on_simulation(started, log)
