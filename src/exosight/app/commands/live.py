@@ -1,10 +1,10 @@
 """`exosight live`: the loop in real time, with a camera or a simulated system."""
 
-from dataclasses import dataclass
 from typing import Annotated
 
 import tyro
-from pydantic import Field
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
 
 from exosight.app.commands.options import (
     NO_OPTIONS,
@@ -26,7 +26,7 @@ Pixels = Annotated[
 ]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class DeviceOptions:
     """Camera and actuator."""
 
@@ -39,7 +39,7 @@ class DeviceOptions:
     stdout"""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class RunOptions:
     """Target, duration, rate and limits."""
 

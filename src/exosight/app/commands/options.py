@@ -1,11 +1,12 @@
 """Options that several commands have."""
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
-from pydantic import Field
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass
 
 from exosight.errors import InputError
 from exosight.exosuit.shapes import FAMILIES, ExosuitShape, ranges, shape_from_dict, shape_to_dict
@@ -34,7 +35,7 @@ Numbers = Annotated[tuple[float, ...] | None, tyro.conf.arg(metavar="X X …", h
 Seed = Annotated[int, Field(ge=0)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class LoopOptions:
     """What a controller drives."""
 
@@ -46,7 +47,7 @@ class LoopOptions:
     """the one that is driven; default: the first"""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class ExosuitOptions:
     """An exosuit of the published system."""
 
