@@ -28,6 +28,9 @@ hypothesis.settings.load_profile("exosight")
 
 install_import_hook("exosight", "beartype.beartype")
 
+# Tracing makes so many objects that collecting garbage as often as usual takes 7 % of the time.
+gc.set_threshold(50_000, 20, 50)
+
 LONGEST = "test_docs.py", "app/test_study.py", "test_examples.py", "dataset/test_simulation.py"
 """Files that take longest, for few tests: begun last, one would keep a process when all else is done."""
 
@@ -39,6 +42,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Whole files in the order in which processes take them: those first, then those of many tests."""
     tests = Counter(item.path for item in items)
     items.sort(key=lambda item: (not str(item.path).endswith(LONGEST), -tests[item.path], str(item.path)))
+
+
+def pytest_collection_finish() -> None:
+    """What has been imported stays, so collections need not look at it."""
+    gc.freeze()
 
 
 @pytest.hookimpl(trylast=True)
