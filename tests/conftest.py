@@ -22,8 +22,9 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 if version("jaxlib").startswith("0.10."):  # a flag that a version does not know ends the process
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 
-# How long an example takes is not what a test asserts, and says little on a busy machine.
-hypothesis.settings.register_profile("exosight", deadline=None)
+# How long an example takes is not what a test asserts, and says little on a busy machine. Every run draws
+# other examples, so that few a run are many in the end.
+hypothesis.settings.register_profile("exosight", deadline=None, max_examples=40)
 hypothesis.settings.load_profile("exosight")
 
 install_import_hook("exosight", "beartype.beartype")
