@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from exosight.app.control_figures import stress_figure
 from exosight.app.main import main
-from exosight.app.stress import draw, stress_table
+from exosight.app.stress import stress_table
 
 THUMB = Path(__file__).parents[2] / "examples" / "systems" / "thumb.toml"
 SHORT = ["stress", "--episodes", "10", "--hold-seconds", "1.5", "--release-seconds", "1.1"]
@@ -30,17 +31,20 @@ def test_the_folder_holds_summary_episodes_and_figure(tmp_path: Path, capsys: py
     assert (out / "stress.svg").stat().st_size > 10_000
     # The table and the figure are those of the numbers on file.
     assert [row[0] for row in stress_table(found).rows] == ["guarded", "K_P = 1"]
-    assert len(draw(found).axes) == 4
+    assert len(stress_figure(found).axes) == 4
 
 
 def test_a_system_file_has_episodes_of_its_own(tmp_path: Path):
     told = tmp_path / "told.json"
-    main([*SHORT, "--gains", "--system", str(THUMB), "--sensor", "F_net", "--json", str(told)])
+    main([*SHORT, "--system", str(THUMB), "--sensor", "P3", "--json", str(told)])
     found = json.loads(told.read_text())
     assert found["about"]["system"] == "thumb"
-    assert found["about"]["sensor"] == {"name": "F_net", "unit": "N"}
+    assert found["about"]["sensor"] == {"name": "P3", "unit": "N"}
     low, high = found["about"]["config"]["targets"]
     assert 0 < low < high < found["about"]["contact_limit"]
+    (gain,) = found["about"]["gains"]  # half of what the steepest part of the path asks for, not the paper's
+    assert set(found["controllers"]) == {"guarded", f"K_P = {gain:g}"}
+    assert gain != 5
     assert found["controllers"]["guarded"]["commands_outside"] == 0
 
 
