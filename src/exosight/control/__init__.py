@@ -32,12 +32,11 @@ from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import Observation, Plant
 from exosight.control.responses import Response, judge_response
 from exosight.control.scheduled import Scheduled
-from exosight.control.trials import CONTROL_SHAPE, ControllerStudy, Trial, study, try_law
+from exosight.control.trials import CONTROL_SHAPE, Trial, published_trials, run_trials
 
 __all__ = [
     "CONTROL_SHAPE",
     "ControllerConfig",
-    "ControllerStudy",
     "Estimator",
     "ForcePath",
     "GuardConfig",
@@ -63,10 +62,10 @@ __all__ = [
     "hold_and_release",
     "judge_response",
     "measurement_from",
+    "published_trials",
     "run",
     "run_guarded",
-    "study",
+    "run_trials",
     "true_measurement",
     "true_reading",
-    "try_law",
 ]
