@@ -65,7 +65,7 @@ def progress(description: str, unit: str) -> Iterator[Callable[[int, int], None]
 
     def update(done: int, total: int) -> None:
         nonlocal started
-        if not started:  # only now: what is wrong at the door is told without a bar
+        if not started:  # only now: wrong options are reported without a bar
             started = True
             bars.start()
             # What an earlier run did before it was stopped says nothing about the speed of this one.

@@ -1,4 +1,4 @@
-"""`exosight evaluate`: a network judged on a dataset."""
+"""`exosight evaluate`: a network on a dataset."""
 
 from contextlib import nullcontext
 from pathlib import Path
@@ -15,9 +15,9 @@ def evaluate(
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """Judge a network: accuracy, intervals, robustness, and detection of out-of-distribution images.
+    """Evaluate a network: accuracy, intervals, robustness, and detection of out-of-distribution images.
 
-    On the dataset that the network learned from, only the test part of its split counts, and what is known
+    On the dataset that the network was trained on, only the test part of its split counts, and what is known
     without an image stands beside; on any other of its system, all frames do. Images are taken clean, with
     the paper's noise and contrast, and out of distribution. Of the published system, the paper's values stand
     beside.
@@ -36,14 +36,14 @@ def evaluate(
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: Matplotlib takes a second to import.
     from exosight.app.data import load
-    from exosight.app.evaluation import evaluate as judge
+    from exosight.app.evaluation import evaluate as run
     from exosight.app.evaluation import write_evaluation
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 
     place = model or DEFAULT_MODEL
     with new_folder(out) if out is not None else nullcontext() as folder:
         estimator = OnnxEstimator.load(place, threads=2)
-        found = judge(estimator, load(data), seed)
+        found = run(estimator, load(data), seed)
         say(found.frames)
         if folder is not None:
             about = {"model": str(model or place.name), "data": str(data), "seed": seed}

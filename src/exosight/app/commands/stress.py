@@ -1,4 +1,4 @@
-"""`exosight stress`: the controllers in many random episodes in which much goes wrong."""
+"""`exosight stress`: the controllers in random episodes with disturbances."""
 
 from contextlib import nullcontext
 from typing import Annotated
@@ -29,7 +29,7 @@ def stress(
 ) -> None:
     """Run the guarded controller and the paper's law in random episodes, all stepped side by side.
 
-    In each episode a target is followed and then drops to 0; frames come late, twice, spoilt or not at all,
+    In each episode a target is followed and then drops to 0; frames come late, twice, degraded or not at all,
     system and camera are not those that were tuned for, and the user moves. The sensor is a network
     that sees camera images; without one it is the true reading.
 

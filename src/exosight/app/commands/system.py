@@ -1,4 +1,4 @@
-"""`exosight system`: descriptions of systems, listed, shown, begun and checked."""
+"""`exosight system`: descriptions of systems, listed, shown, started and checked."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -20,9 +20,9 @@ Which = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME|
 
 
 def system(action: Action, name: Which = None, plot: MaybePath = None, json: Json = None) -> None:
-    """List, show, begin or check descriptions of systems: what is simulated, actuated, sensed and seen.
+    """List, show, start or check descriptions of systems: bodies, contacts, actuators, sensors, cameras.
 
-    A system is a preset of this package or a file of your own; docs/systems.md says what stands in one.
+    A system is a preset of this package or a file of your own; the format: docs/systems.md.
 
     Examples:
       exosight system list
@@ -35,7 +35,7 @@ def system(action: Action, name: Which = None, plot: MaybePath = None, json: Jso
         action: list the presets; show a system part by part; write a new file to start from; check
             a file and say in one sentence what is wrong in it and where
         name: the preset or file; for new, the file to write
-        plot: of show: draw the unloaded system and what its cameras see, to a new PNG file
+        plot: of show: draw the unloaded system and its camera images, to a new PNG file
         json: of list and show: write what is shown as JSON to a new file, or to stdout with "-"
     """
     if (name is None) != (action == "list"):
