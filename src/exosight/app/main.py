@@ -29,7 +29,7 @@ COMMANDS = {
     "study": "all of it, from simulation to one report",
     "bench": "equilibria a second on this machine",
     "export": "a dataset or a simulated path for MATLAB and other programs",
-    "lab": "a local web page with sliders: a system, its camera image, its sensors",
+    "lab": "a local web page with sliders for a system, its image and sensors",
     "doctor": "what is installed, what works, what is missing",
 }
 

@@ -1,11 +1,9 @@
 """`exosight evaluate`: a network on a dataset."""
 
-from contextlib import nullcontext
 from pathlib import Path
 
 from exosight.app.commands.options import Json, MaybePath, Seed
-from exosight.app.console import check_json_target, say, show, write_json
-from exosight.app.output import new_folder
+from exosight.app.console import check_json_target, results_folder, say, show_or_write
 
 
 def evaluate(
@@ -41,17 +39,12 @@ def evaluate(
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 
     place = model or DEFAULT_MODEL
-    with new_folder(out) if out is not None else nullcontext() as folder:
+    with results_folder(out) as folder:
         estimator = OnnxEstimator.load(place, threads=2)
         found = run(estimator, load(data), seed)
         say(found.frames)
         if folder is not None:
             about = {"model": str(model or place.name), "data": str(data), "seed": seed}
             write_evaluation(found, about, estimator, folder)
-    if out is not None:
-        say(f"wrote {out}")
-    if json is None:
-        for table in found.tables:
-            show(table)
-    else:
-        write_json({"frames": found.frames, **{t.name: t.records() for t in found.tables}}, json)
+    values = {"frames": found.frames, **{table.name: table.records() for table in found.tables}}
+    show_or_write(found.tables, values, json)
