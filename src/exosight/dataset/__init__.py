@@ -18,7 +18,7 @@ from exosight.dataset.splits import (
     split_by_frame,
     split_by_variation,
 )
-from exosight.dataset.store import read_frames, read_variation, write_chunk
+from exosight.dataset.store import read_frames, read_sensors, read_variation, write_chunk
 
 __all__ = [
     "PROTOCOLS",
@@ -36,6 +36,7 @@ __all__ = [
     "previous",
     "read_frames",
     "read_manifest",
+    "read_sensors",
     "read_variation",
     "split_by_design",
     "split_by_family",

@@ -10,6 +10,7 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
+from exosight.dataset.config import PUBLISHED_ONLY
 from exosight.dataset.frames import row_shapes
 from exosight.dataset.manifest import Manifest, dataset_identity
 from exosight.files import replace_file
@@ -54,7 +55,7 @@ def readme(manifest: Manifest, kept: dict[str, int]) -> str:
         designs={manifest.scenarios[k]: count for k, count in _designs(manifest).items()},
         path=_path(manifest),
         causes=_CAUSES,
-        config=json.dumps(manifest.config, indent=1),
+        config=json.dumps(_config(manifest), indent=1),
         identity=dataset_identity(manifest)["sha256"],
         size=_size(manifest.frames),
     )
@@ -121,6 +122,12 @@ def croissant(manifest: Manifest) -> dict[str, Any]:
             }
         ],
     }
+
+
+def _config(manifest: Manifest) -> dict[str, Any]:
+    """The configuration without options that a system file leaves no choice of."""
+    own = manifest.description is not None
+    return {name: value for name, value in manifest.config.items() if not (own and name in PUBLISHED_ONLY)}
 
 
 def _name(manifest: Manifest) -> str:

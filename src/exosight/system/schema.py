@@ -6,6 +6,7 @@ and is compared wherever two of them meet. Usable without JAX.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -133,7 +134,10 @@ class Schema:
         """Place of a sensor among all; InputError if there is none of this name."""
         names = [sensor.name for sensor in self.sensors]
         if name not in names:
-            raise InputError(f"sensor: the system {self.system} has no {name!r}; it has {', '.join(names)}")
+            hint = ", and a sum of some is a sensor of type net_force in its file" if "+" in name else ""
+            raise InputError(
+                f"sensor: the system {self.system} has no {name!r}; it has {', '.join(names)}{hint}"
+            )
         return names.index(name)
 
     def sensor(self, name: str) -> SensorSpec:
@@ -214,6 +218,20 @@ def difference(
                 if not same:
                     return f"{kind[:-1]} {a.name}: expected {field} {_shown(x)}, got {_shown(y)}"
     return None
+
+
+def network_difference(trained: Schema, schema: Schema, *, channels: bool = False) -> str | None:
+    """How a schema differs from the one of a network in what the network depends on, or None if it does not.
+
+    These are the estimated sensors, not their limits, the cameras and, if its inputs are commands, the
+    channels. Sensors that are not estimated may differ: another sum of the same zones needs no training.
+    """
+
+    def outputs(of: Schema) -> Schema:
+        return replace(of, sensors=tuple(replace(sensor, limit=None) for sensor in of.estimated))
+
+    parts = ("channels", "sensors", "cameras") if channels else ("sensors", "cameras")
+    return difference(outputs(trained), outputs(schema), parts)
 
 
 def _shown(value: Any) -> str:
