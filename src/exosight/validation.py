@@ -1,8 +1,11 @@
 """What configurations, files and metadata are checked with."""
 
-from typing import Annotated
+from collections.abc import Iterable, Mapping
+from typing import Annotated, Any
 
 from pydantic import ConfigDict, StringConstraints, ValidationError
+
+from exosight.errors import InputError
 
 CONFIG = ConfigDict(extra="forbid")
 """Of every pydantic dataclass: an entry that is not known is refused."""
@@ -25,3 +28,23 @@ def first_fault(error: ValidationError) -> str:
     message = fault["msg"].removeprefix("Value error, ")
     got = "" if fault["type"] in ("value_error", "missing") else f", got {str(fault['input'])[:60]!r}"
     return f"{place}: {message}{got}" if place else f"{message}{got}"
+
+
+def check_name(what: str, name: object, known: Iterable[object]) -> None:
+    """InputError unless a name is one of those known."""
+    known = list(known)
+    if name not in known:
+        listed = ", ".join(map(str, known)) or "none, as there are none"
+        raise InputError(f"{what}: expected one of {listed}, got {name!r}")
+
+
+def first_difference(first: Any, second: Any, name: str = "") -> tuple[str, Any, Any] | None:
+    """Name of the first entry in which nested dictionaries differ, and both values; None if they are equal.
+
+    A missing entry has the value None.
+    """
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        keys = [*first, *(key for key in second if key not in first)]
+        inner = (first_difference(first.get(key), second.get(key), key) for key in keys)
+        return next((found for found in inner if found), None)
+    return None if first == second else (name, first, second)

@@ -141,7 +141,7 @@ def test_a_stop_lets_go_first(
         (["--system", str(THUMB)], "expected the sensors"),
         (["--system", "no_such_system"], "expected published or a file"),
         (["--sensor", "C0"], "not estimated from images"),
-        (["--channel", "v"], "has no 'v'"),
+        (["--channel", "v"], "got 'v'"),
         (["--source", ".", "--send", "-", "--json", "-"], "stdout"),
     ],
 )

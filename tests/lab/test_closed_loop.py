@@ -106,8 +106,8 @@ def test_whoever_stops_listening_stops_the_run(lab: LabSystem) -> None:
     [
         (LoopSettings(), "measured: no estimates: the network was trained for the system published"),
         (LoopSettings(measured="true", sensor="knuckle"), "sensor knuckle: it is not estimated"),
-        (LoopSettings(measured="true", sensor="C1"), "sensor: the system thumb has no 'C1'"),
-        (LoopSettings(measured="true", channel="p"), "channel: the system thumb has no 'p'; it has u"),
+        (LoopSettings(measured="true", sensor="C1"), "got 'C1'"),
+        (LoopSettings(measured="true", channel="p"), "channel: expected one of u, got 'p'"),
     ],
 )
 def test_what_a_system_does_not_have_is_refused(

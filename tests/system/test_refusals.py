@@ -44,17 +44,17 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
     ),
     (
         (YOUNG, f"{YOUNG}\nparent = 'hand'"),
-        "rods.soft.parent: there is no body 'hand'; there are soft, base, tip",
+        "rods.soft.parent: expected one of soft, base, tip, got 'hand'",
     ),
     (('length = "40 mm"', 'length = "40 mm"\nparent = "tip"'), "a cycle; one body must sit on the ground"),
     (("[links.tip]", "[links.soft]"), "expected different names of rods and links, got soft twice"),
     (
         ('surface = "pads"\nspheres', 'surface = "palm"\nspheres'),
-        "sensors.near.surface: there is no surface of spheres 'palm'",
+        "sensors.near.surface: expected one of ",
     ),
     (
         ('surface = "pads"\nbody', 'surface = "skin"\nbody'),
-        "sensors.far.surface: there is no surface of spheres 'skin'",
+        "sensors.far.surface: expected one of ",
     ),
     (
         ("spheres = [0, 1]", "spheres = [0, 4]"),
@@ -107,7 +107,7 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
     ),
     (
         ('body = "soft"\nrange', 'body = "base"\nrange'),
-        "actuators.u.body: there is no rod 'base'; there are soft",
+        "actuators.u.body: expected one of soft, got 'base'",
     ),
     (profile("values = [5, 4], x = [0, 0.5, 1]"), "x: expected one place for each of the values"),
     (profile("values = [5, 4, 3], x = [0, 0.7, 0.5]"), "rods.soft.radius: expected at least two points"),

@@ -24,7 +24,6 @@ from exosight.control import (
     try_law,
 )
 from exosight.control.loop import RATE
-from exosight.control.plant import channel_index
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.trials import STEP_SECONDS
 from exosight.control.tuning import tune
@@ -79,7 +78,7 @@ def run_targets(
         update(0, len(targets) * len(gains))
         for target in targets:
             for gain in gains:
-                law = Proportional(gain, system.schema.channels[channel_index(system.schema, channel)])
+                law = Proportional(gain, system.schema.channel(channel))
                 asked = hold_and_release(target, round(STEP_SECONDS * RATE))
                 found.append(try_law(plant, law, measure, asked, sensor, channel))
                 update(len(found), len(targets) * len(gains))

@@ -26,7 +26,6 @@ from pydantic.dataclasses import dataclass as configuration
 
 from exosight.control.estimator import Reading
 from exosight.control.paths import ControllerConfig, limited
-from exosight.control.plant import channel_index
 from exosight.control.scheduled import RELEASED, Scheduled
 from exosight.errors import InputError
 
@@ -130,7 +129,7 @@ class Guarded:
     log: list[Transition] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        self._channel = channel_index(self.config.schema, self.config.channel)
+        self._channel = self.config.schema.channel_index(self.config.channel)
         self.reset()
 
     @property

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 from exosight.control.estimator import Estimator, OnnxEstimator
 from exosight.control.frame_history import FrameHistory
 from exosight.control.laws import Law
-from exosight.control.plant import Observation, Plant, channel_index
+from exosight.control.plant import Observation, Plant
 from exosight.errors import InputError
 from exosight.system.schema import Channel, Schema, SensorSpec
 
@@ -94,7 +94,7 @@ class Record:
     @property
     def driven(self) -> Channel:
         """The channel that was actuated."""
-        return self.schema.channels[channel_index(self.schema, self.channel)]
+        return self.schema.channel(self.channel)
 
     @property
     def error(self) -> Float[np.ndarray, " steps"]:
@@ -148,7 +148,7 @@ def run(
     if not 0 < rate < np.inf:
         raise InputError(f"rate: expected a finite number above 0 Hz, got {rate}")
     schema = plant.schema
-    place, sensor = channel_index(schema, channel), sensor or schema.controlled
+    driven, sensor = schema.channel(channel), sensor or schema.controlled
     schema.index(sensor)
     law.reset()
     seen = [plant.reset()]
@@ -156,14 +156,12 @@ def run(
     u = [0.0]
     for force in target[1:]:
         u.append(law.next(float(force), measured[-1]))
-        commands = np.zeros(len(schema.channels))
-        commands[place] = u[-1]
-        seen.append(plant.apply(commands))
+        seen.append(plant.apply(schema.commands(u[-1], channel)))
         measured.append(measure(seen[-1]))
     return Record(
         schema=schema,
         sensor=sensor,
-        channel=schema.channels[place].name,
+        channel=driven.name,
         time=np.arange(len(target)) / rate,
         target=target.astype(np.float64),
         true=np.array([o.reading(sensor) for o in seen]),

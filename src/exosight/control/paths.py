@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from exosight.control.plant import channel_index
 from exosight.errors import InputError
 from exosight.system.schema import Channel, Schema, SensorSpec
 
@@ -107,7 +106,7 @@ class ControllerConfig:
     largest_gain: float
 
     def __post_init__(self) -> None:
-        channel_index(self.schema, self.channel)
+        self.schema.channel(self.channel)
         outputs = len(self.weights)
         if not outputs == self.loading.outputs.shape[1] == self.unloading.outputs.shape[1]:
             raise InputError(f"controller: expected paths of {outputs} outputs, as its schema has")
@@ -133,7 +132,7 @@ class ControllerConfig:
     @property
     def driven(self) -> Channel:
         """The channel that is driven."""
-        return self.schema.channels[channel_index(self.schema, self.channel)]
+        return self.schema.channel(self.channel)
 
     @property
     def controlled(self) -> SensorSpec:
@@ -164,11 +163,9 @@ class ControllerConfig:
         """The controlled sensor as it follows from the estimated ones [its unit]."""
         return float((outputs * self.weights).sum())
 
-    def commands(self, u: float) -> Float[np.ndarray, " channels"]:
+    def commands(self, u: float | Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch channels"]:
         """u on the driven channel, 0 on the others."""
-        commands = np.zeros(len(self.schema.channels))
-        commands[channel_index(self.schema, self.channel)] = u
-        return commands
+        return self.schema.commands(u, self.channel)
 
     def reachable(self, target: float) -> float:
         """The target [the sensor's unit], or the largest reading below it that the plant can rest at.

@@ -14,13 +14,11 @@ import numpy as np
 
 from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig, ForcePath
-from exosight.control.plant import channel_index
 from exosight.control.scheduled import RELEASED
-from exosight.errors import ConvergenceError, InputError
-from exosight.mechanics import Equilibria, State, drive
-from exosight.system.observation import observe
+from exosight.errors import InputError
 from exosight.system.schema import Channel, Schema, SensorSpec
-from exosight.system.system import System, stack_systems
+from exosight.system.simulation import simulate_path
+from exosight.system.system import System
 
 CONTACT_LIMIT = 0.5
 """Largest reading of a contact force whose sensor has no limit of its own [N]."""
@@ -74,42 +72,24 @@ def tune(
     at u_min; ConvergenceError if the path has no stable pose at some command.
     """
     schema = system.schema
-    place, sensor = channel_index(schema, channel), sensor or schema.controlled
-    driven, weights = schema.channels[place], schema.weights(sensor)
-    if driven.high <= 0 or driven.peak < 0:
-        raise InputError(
-            f"tune, channel {driven.name}: expected one that loads towards its upper end, got a peak of "
-            f"{driven.peak:g} {driven.unit}; turn its sign in the system's description"
-        )
+    driven, sensor = schema.channel(channel), sensor or schema.controlled
+    weights = schema.weights(sensor)
     rate = default_rate(driven) if rate is None else rate
     pull = min(0.25 * driven.peak, -driven.low) if pull is None else pull
-    for name, value in (
-        ("contact limit", contact_limit),
-        ("rate", rate),
-        ("period", period),
-    ):
-        if value is not None and not 0 < value < math.inf:
-            raise InputError(f"tune, {name}: expected a finite number above 0, got {value}")
-    if not 0 <= pull <= -driven.low:
-        raise InputError(f"tune, pull: expected 0…{-driven.low:g} {driven.unit}, got {pull}")
+    _check_numbers(driven, contact_limit, rate, pull, period)
     limits = default_limits(schema, contact_limit)
-    walk = _Walk(system, place, weights)
-    step = driven.peak / 160  # by at most so much a jump is passed
-    grid = np.linspace(0.0, driven.high, max(2, math.ceil(driven.high / step - 1e-9)) + 1)
-    up, found = walk.solve(grid, np.zeros(walk.robot.dofs))
+    rising = _grid(driven, driven.high)
+    up, q = _force_path(system, sensor, driven, rising)
     over = (up.outputs > limits).any(axis=1)
-    last = int(np.argmax(over)) - 1 if over.any() else len(grid) - 1
+    last = int(np.argmax(over)) - 1 if over.any() else len(rising) - 1
     if last < 1 or up.controlled[last] < RELEASED:
         raise InputError(
             f"tune: {sensor} stays below {RELEASED:g} {schema.sensor(sensor).unit} until a sensor passes its "
             f"limit or {driven.name} its range; allow more, or change the system"
         )
-    loading = ForcePath(
-        up.u[: last + 1], up.outputs[: last + 1], up.controlled[: last + 1], up.snapped[: last + 1]
-    )
-    falling = grid[last:0:-1]
-    back = np.linspace(0.0, -pull, max(2, math.ceil(pull / step - 1e-9)) + 1) if pull else np.zeros(1)
-    unloading, _ = walk.solve(np.concatenate([falling, back]), np.asarray(found.q[0, last]))
+    loading = ForcePath(*(x[: last + 1] for x in (up.u, up.outputs, up.controlled, up.snapped)))
+    falling = np.concatenate([rising[last:0:-1], _grid(driven, -pull)])
+    unloading, _ = _force_path(system, sensor, driven, falling, q[last])
     if not unloading.controlled[-1] < RELEASED:
         raise InputError(
             f"tune: {sensor} is not released at {driven.name} = {-pull:g} {driven.unit}; "
@@ -132,26 +112,33 @@ def tune(
     )
 
 
-class _Walk:
-    """Paths of one channel's command, all others at 0."""
+def _check_numbers(
+    driven: Channel, contact_limit: float | None, rate: float, pull: float, period: float
+) -> None:
+    if driven.high <= 0 or driven.peak < 0:
+        raise InputError(
+            f"tune, channel {driven.name}: expected one that loads towards its upper end, got a peak of "
+            f"{driven.peak:g} {driven.unit}; turn its sign in the system's description"
+        )
+    for name, value in (("contact limit", contact_limit), ("rate", rate), ("period", period)):
+        if value is not None and not 0 < value < math.inf:
+            raise InputError(f"tune, {name}: expected a finite number above 0, got {value}")
+    if not 0 <= pull <= -driven.low:
+        raise InputError(f"tune, pull: expected 0…{-driven.low:g} {driven.unit}, got {pull}")
 
-    def __init__(self, system: System, place: int, weights: np.ndarray) -> None:
-        self.robot, self._system, self._stacked = system.robot, system, stack_systems([system])
-        self._place, self._weights = place, weights
 
-    def solve(self, u: np.ndarray, q: np.ndarray) -> tuple[ForcePath, Equilibria]:
-        """The path over these commands, from an equilibrium or the unstrained pose."""
-        schema = self._system.schema
-        commands = np.zeros((len(u), len(schema.channels)))
-        commands[:, self._place] = u
-        loads = self._system.loads(commands)
-        found = drive([self.robot], loads, state=State(q[None], loads[:1]))
-        if not found.converged.all():
-            driven = schema.channels[self._place]
-            lost = float(u[int(np.argmin(found.converged[0]))])
-            raise ConvergenceError(
-                f"no stable pose at {driven.name} = {lost:g} {driven.unit}; give the channel a smaller range"
-            )
-        readings = np.asarray(observe(self._stacked, found.q).readings[0], dtype=float)
-        outputs = readings[:, schema.output_indices()]
-        return ForcePath(u, outputs, (outputs * self._weights).sum(axis=1), np.array(found.snapped[0])), found
+def _grid(driven: Channel, end: float) -> np.ndarray:
+    """Commands from 0 to the end; by at most a step of them a jump is passed."""
+    steps = max(2, math.ceil(abs(end) / driven.peak * 160 - 1e-9))
+    return np.linspace(0.0, end, steps + 1) if end else np.zeros(1)
+
+
+def _force_path(
+    system: System, sensor: str, driven: Channel, u: np.ndarray, q: np.ndarray | None = None
+) -> tuple[ForcePath, np.ndarray]:
+    """The path over these commands, all others at 0, and its coordinates."""
+    schema = system.schema
+    _, found, seen = simulate_path(system, schema.commands(u, driven.name), q)
+    outputs = np.asarray(seen.readings)[:, schema.output_indices()]
+    controlled = (outputs * schema.weights(sensor)).sum(axis=1)
+    return ForcePath(u, outputs, controlled, np.array(found.snapped)), np.asarray(found.q)

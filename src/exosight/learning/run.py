@@ -25,6 +25,7 @@ from exosight.learning.parallel import check_alike, share, whole_batch
 from exosight.learning.process_group import ProcessGroup
 from exosight.learning.recipes import RECIPES
 from exosight.system.schema import difference
+from exosight.validation import first_difference
 
 
 class Run:
@@ -145,22 +146,13 @@ def _difference_of_runs(there: RunIdentity, asked: RunIdentity) -> str | None:
     """How the system or anything else differs, in words; None if two runs are the same."""
     before, now = asdict(there), asdict(asked)
     del before["schema"], now["schema"]
-    other = difference(there.schema, asked.schema)
-    return f"of another system: {other}" if other else _difference(before, now)
-
-
-def _difference(there: Mapping, asked: Mapping) -> str | None:
-    """Name the first entry in which two runs differ; None where they are the same."""
-    # What a run starts from comes first, as it decides other defaults.
-    for key in sorted([*there, *(asked.keys() - there.keys())], key=lambda key: key != "pretrained"):
-        before, now = there.get(key), asked.get(key)
-        if isinstance(before, dict) and isinstance(now, dict):
-            if inner := _difference(before, now):
-                return inner
-        elif before != now:
-            if key == "fingerprint":
-                return "its frames or their split are others"
-            if key == "pretrained":
-                before, now = before or "none", now or "none"
-            return f"its {key} is {before}, asked for is {now}"
-    return None
+    if other := difference(there.schema, asked.schema):
+        return f"of another system: {other}"
+    found = first_difference(before, now)
+    if found is None:
+        return None
+    name, *values = found
+    if name == "fingerprint":
+        return "its frames or their split are others"
+    has, wants = ("none" if value in ("", None) else value for value in values)
+    return f"its {name} is {has}, asked for is {wants}"

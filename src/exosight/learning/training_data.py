@@ -71,10 +71,10 @@ def check_training_data(data: TrainingData) -> None:
     Raises InputError for a wrong type, shape or length, a label that is not finite or a negative force, an
     empty part, an index outside the frames, and a frame in both parts.
     """
-    images, view = data.images, data.schema.cameras[0]
-    if images.ndim != 3 or images.dtype != np.uint8 or images.shape[1:] != (view.height, view.width):
+    images, (height, width) = data.images, data.schema.image_size
+    if images.ndim != 3 or images.dtype != np.uint8 or images.shape[1:] != (height, width):
         raise InputError(
-            f"images: expected uint8 (frames, {view.height}, {view.width}), got {images.dtype} {images.shape}"
+            f"images: expected uint8 (frames, {height}, {width}), got {images.dtype} {images.shape}"
         )
     count = len(images)
     _check_labels(data, count)

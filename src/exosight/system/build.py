@@ -15,6 +15,7 @@ from exosight.system.schema import SensorSpec
 from exosight.system.sensors import ContactForce, JointAngle, NetForce, Sensor
 from exosight.system.surfaces import SphereSurface
 from exosight.system.system import Contact, System
+from exosight.validation import check_name
 
 LARGEST = {"coordinates": 500, "points and spheres": 5000, "pairs of spheres": 100_000}
 """What a system may have at most; one of these sizes takes seconds a load."""
@@ -55,7 +56,7 @@ def build(description: Description) -> System:
 def _contact(description: Description, name: str, spheres: dict[str, SphereSurface]) -> Contact:
     table = description.contacts[name]
     for side, surface in (("first", table.first), ("second", table.second)):
-        _check_spheres(f"contacts.{name}.{side}", surface, spheres)
+        check_name(f"contacts.{name}.{side}", surface, spheres)
     both = {body for body, _ in spheres[table.first].spheres.frames} & {
         body for body, _ in spheres[table.second].spheres.frames
     }
@@ -83,7 +84,7 @@ def _sensor(
                 raise InputError(f"parts: expected forces, but {part} is a joint angle")
         return NetForce(SensorSpec(name, "net force", "N", parts=table.parts or (), limit=table.limit))
     surface = table.surface or ""
-    _check_spheres("surface", surface, spheres)
+    check_name("surface", surface, spheres)
     pressed = {side for each in description.contacts.values() for side in (each.first, each.second)}
     if surface not in pressed:
         raise InputError(f"surface: nothing presses on {surface}; name it in a contact")
@@ -105,13 +106,6 @@ def _zone(table: SensorTable, name: str, surface: SphereSurface) -> tuple[int, .
             f"{list(table.spheres)}"
         )
     return table.spheres
-
-
-def _check_spheres(place: str, name: str, spheres: dict[str, SphereSurface]) -> None:
-    if name not in spheres:
-        raise InputError(
-            f"{place}: there is no surface of spheres {name!r}; there are {', '.join(spheres) or 'none'}"
-        )
 
 
 def _check_size(description: Description) -> None:

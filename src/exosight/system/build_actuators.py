@@ -13,6 +13,7 @@ from exosight.system.faults import at_place
 from exosight.system.schema import Channel
 from exosight.system.system import Actuator
 from exosight.system.units import FORCE, TORQUE, split_quantity
+from exosight.validation import check_name
 
 LARGEST_LOAD = 1e6  # [N or N m]
 STEEPEST = 1e3
@@ -107,8 +108,7 @@ def _torque(description: Description, table: ActuatorTable, place: int) -> Term:
 def _line(description: Description, table: ActuatorTable, place: int) -> Term:
     """The line at angle + 2π turns X around the rod, on its surface or at a constant offset."""
     rods = description.rods
-    if table.body not in rods:
-        raise InputError(f"body: there is no rod {table.body!r}; there are {', '.join(rods) or 'none'}")
+    check_name("body", table.body, rods)
     rod = rods[table.body]
     x = rod_points(rod).points
     distance, growth = _distance(rod, table, x)

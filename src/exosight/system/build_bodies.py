@@ -12,6 +12,7 @@ from exosight.system.description import Description, JointTable, LinkTable, Radi
 from exosight.system.faults import at_place
 from exosight.system.profile import Points, Profile, from_formula, from_points
 from exosight.system.units import LENGTH
+from exosight.validation import check_name
 
 SMALLEST_RADIUS, LARGEST_RADIUS = 1e-6, 10.0  # [m]
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -38,10 +39,7 @@ def _order(description: Description) -> list[str]:
         name: str | None = start
         while name is not None and name not in placed:
             if name not in parents:
-                raise InputError(
-                    f"{_place(description, chain[-1])}.parent: there is no body {name!r}; there are "
-                    f"{', '.join(parents)}"
-                )
+                check_name(f"{_place(description, chain[-1])}.parent", name, parents)
             if name in chain:
                 cycle = " sits on ".join([*chain[chain.index(name) :], name])
                 raise InputError(

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float64, Integer, UInt8
 
 from exosight.errors import InputError
+from exosight.validation import check_name
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.counter_rng import Seed, uniforms
 from exosight.vision.pixel_loops import edges
@@ -57,9 +58,8 @@ class Appearance:
 
         Raises InputError for a column that there is not.
         """
-        unknown = sorted(set(changed) - set(COLUMNS))
-        if unknown:
-            raise InputError(f"appearance: there is no column {unknown[0]}; there are {', '.join(COLUMNS)}")
+        for name in changed:
+            check_name("appearance", name, COLUMNS)
         values = _NEUTRAL | changed
         return cls({name: np.broadcast_to(np.asarray(values[name], float), frames) for name in COLUMNS})
 

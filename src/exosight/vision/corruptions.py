@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from exosight.errors import InputError
+from exosight.validation import check_name
 
 NOISE_MEAN = 0.01  # of full scale, as printed in the paper
 
@@ -55,10 +56,7 @@ def corrupt(
     Raises InputError for an unknown name, a negative seed or first, or images of another kind.
     """
     _check_images(images)
-    if name not in CORRUPTIONS:
-        raise InputError(
-            f"corruption: expected one of {', '.join(CORRUPTIONS)}, got {name!r}; choose one of these"
-        )
+    check_name("corruption", name, CORRUPTIONS)
     if seed < 0 or first < 0:
         raise InputError(
             f"seed and first: expected 0 or more, got {seed} and {first}; use other whole numbers"
