@@ -34,8 +34,10 @@ def check_name(what: str, name: object, known: Iterable[object]) -> None:
     """InputError unless a name is one of those known."""
     known = list(known)
     if name not in known:
-        listed = ", ".join(map(str, known)) or "none, as there are none"
-        raise InputError(f"{what}: expected one of {listed}, got {name!r}")
+        listed = (
+            f"one of {', '.join(map(str, known))}" if known else "none, as there is nothing to choose from"
+        )
+        raise InputError(f"{what}: expected {listed}, got {name!r}")
 
 
 def first_difference(first: Any, second: Any, name: str = "") -> tuple[str, Any, Any] | None:

@@ -72,7 +72,7 @@ def test_a_simulated_exosuit_is_pressed_recorded_and_replayed(
     assert len(told) == 15
     assert told.true[-1].sum() > 0.1  # of a target of 0.25 N
     assert [row["stage"] for row in json.loads((tmp_path / "run.json").read_text())["timing"]] == [
-        *("see", "estimate", "decide", "act", "whole step")
+        *("acquire", "estimate", "control", "actuate", "whole step")
     ]
     main(["replay", str(tmp_path / "run.h5"), "--json", "-"])
     shown = capsys.readouterr()

@@ -72,13 +72,14 @@ def test_what_is_recorded_is_read(tmp_path: Path, straight_config: ControllerCon
     assert len(told) == len(steps) == 47
     np.testing.assert_array_equal(told.command, [step.command for step in steps])
     np.testing.assert_array_equal(
-        told.age[told.seen], [step.measurement.age for step in steps if step.measurement.image is not None]
+        told.age[told.has_frame],
+        [step.measurement.age for step in steps if step.measurement.image is not None],
     )
     np.testing.assert_array_equal(told.seconds, [step.seconds for step in steps])
     assert [STATES[i] for i in told.state] == [step.state for step in steps]
     assert [cause.decode() for cause in told.cause] == [step.cause for step in steps]
-    assert np.flatnonzero(~told.seen).tolist() == [11, 12, 13]
-    assert np.flatnonzero(~told.answered).tolist() == [7, 11, 12, 13]
+    assert np.flatnonzero(~told.has_frame).tolist() == [11, 12, 13]
+    assert np.flatnonzero(~told.has_estimate).tolist() == [7, 11, 12, 13]
     assert np.isnan(told.true[11]).all()
     np.testing.assert_array_equal(told.true[20], np.full(7, 0.01 * 20))
     for i in (0, 20, 46):

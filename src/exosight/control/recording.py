@@ -25,10 +25,13 @@ from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.realtime import STAGES, Step
 from exosight.control.scheduled import Scheduled
 from exosight.errors import DataError, InputError
+from exosight.files import check_format
 from exosight.system.schema import schema_from_dict, schema_to_dict
 
-FORMAT = "exosight recording 2"
-_FORMATS = "exosight recording "
+FORMAT = 3
+"""Version of recordings; a reader takes this one."""
+
+_FORMAT_PREFIX = "exosight recording "
 STATES = tuple(State)
 """A state is stored as its place in here."""
 
@@ -72,14 +75,14 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
             "commands that the plant reported with the frame; NaN: none",
         ),
         "age": Column("f8", (), "s", "of the frame when it was acted on"),
-        "seen": Column("?", (), "", "a frame came"),
-        "answered": Column("?", (), "", "the network answered"),
+        "has_frame": Column("?", (), "", "a frame came"),
+        "has_estimate": Column("?", (), "", "the network gave finite estimates"),
         "estimated": Column("f4", outputs, units, f"estimates of {names}"),
         "low": Column("f4", outputs, units, "lower ends of their intervals"),
         "high": Column("f4", outputs, units, "upper ends"),
         "contact": Column("f4", outputs, "-", "probabilities of contact"),
         "ood_score": Column("f4", (), "-", "score of an out-of-distribution image; trusted up to 1"),
-        "true": Column("f8", outputs, units, f"true readings of {names}; NaN: nobody knows"),
+        "true": Column("f8", outputs, units, f"true readings of {names}; NaN: unknown"),
         "state": Column(
             "i1", (), "", "of the guard: " + ", ".join(f"{i} {s.value}" for i, s in enumerate(STATES))
         ),
@@ -107,8 +110,8 @@ class Recording:
     command: Float[np.ndarray, " steps"]
     reported: Float[np.ndarray, "steps channels"]
     age: Float[np.ndarray, " steps"]
-    seen: Bool[np.ndarray, " steps"]
-    answered: Bool[np.ndarray, " steps"]
+    has_frame: Bool[np.ndarray, " steps"]
+    has_estimate: Bool[np.ndarray, " steps"]
     estimated: Float32[np.ndarray, "steps outputs"]
     low: Float32[np.ndarray, "steps outputs"]
     high: Float32[np.ndarray, "steps outputs"]
@@ -205,7 +208,9 @@ def read_recording(path: Path) -> Recording:
     """A recording in memory; DataError if the file is missing, damaged or of another kind."""
     try:
         with h5py.File(path, "r") as file:
-            _check_format(path, file.attrs.get("format"))
+            version = str(file.attrs.get("format")).removeprefix(_FORMAT_PREFIX)
+            found = int(version) if version.isdecimal() else None
+            check_format(path, "recording", found, FORMAT, "record the run again with exosight live --record")
             controller, guard = _controller(file)
             wanted = columns(controller)
             values = {name: _column(file, name, wanted.get(name)) for name in ("images", *wanted)}
@@ -221,18 +226,6 @@ def read_recording(path: Path) -> Recording:
     if steps == 0:
         raise DataError(f"{path}: holds no step; it was stopped within its first second")
     return Recording(*head, **{name: column[:steps] for name, column in values.items()})
-
-
-def _check_format(path: Path, found: Any) -> None:
-    """DataError unless a file is a recording of this format, for an older one with what to do about it."""
-    if found == FORMAT:
-        return
-    if isinstance(found, str) and found.startswith(_FORMATS):
-        raise DataError(
-            f"{path}: expected the format {FORMAT!r}, got {found!r}; record the run again with exosight live "
-            "--record, or read it with the version of exosight that made it"
-        )
-    raise DataError(f"{path}: not a recording of exosight; expected a file that it recorded")
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +255,7 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
     command = np.zeros(len(recording))
     for i in range(len(recording)):
         measurement = Measurement()
-        if recording.seen[i]:
+        if recording.has_frame[i]:
             reading = read_one(read, recording.images[i])
             if reading is not None:
                 estimated[i] = reading.forces[0]
@@ -284,7 +277,7 @@ def checksum(model: Path) -> str:
 
 
 def _write_head(file: h5py.File, guarded: Guarded, model: Path, shape: tuple[int, int], block: int) -> None:
-    file.attrs["format"] = FORMAT
+    file.attrs["format"] = f"{_FORMAT_PREFIX}{FORMAT}"
     file.attrs["exosight_version"] = __version__
     file.attrs["model"] = checksum(model)
     file.attrs["guard"] = json.dumps(_GUARD.dump_python(guarded.guard))
@@ -354,8 +347,8 @@ def _row(step: Step, shape: tuple[int, int], config: ControllerConfig) -> dict[s
         "command": step.command,
         "reported": unreported if measurement.commands is None else measurement.commands,
         "age": measurement.age,
-        "seen": measurement.image is not None,
-        "answered": reading is not None,
+        "has_frame": measurement.image is not None,
+        "has_estimate": reading is not None,
         "estimated": nothing if reading is None else reading.forces[0],
         "low": nothing if reading is None else reading.low[0],
         "high": nothing if reading is None else reading.high[0],

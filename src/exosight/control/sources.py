@@ -84,7 +84,7 @@ def video(path: Path, width: int, height: int, crop: Crop | None = None) -> Fram
     """The frames of a video file, one each time, none left out; DataError if it cannot be read."""
     capture = _opened(str(path), f"{path}: not a video that can be read; give an MP4 or AVI file")
     shape = round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)), round(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-    check_crop(shape, width, height, crop)
+    _part(shape, width, height, crop)  # refuses a crop now, not at the first frame
     return _frames(capture, width, height, crop)
 
 
@@ -110,7 +110,7 @@ def camera(number: int, width: int, height: int, crop: Crop | None = None) -> Fr
     capture = _opened(number, f"camera {number}: cannot be opened; is it connected, and used by nobody else?")
     shape = round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)), round(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
     try:
-        check_crop(shape, width, height, crop)
+        _part(shape, width, height, crop)
     except InputError:
         capture.release()
         raise
@@ -182,13 +182,8 @@ def fitted(picture: np.ndarray, width: int, height: int, crop: Crop | None = Non
     return resized(gray, width, height)
 
 
-def check_crop(shape: tuple[int, int], width: int, height: int, crop: Crop | None) -> None:
-    """Raise InputError if the crop leaves a picture of shape (rows, columns)."""
-    _part(shape, width, height, crop)
-
-
 def _part(shape: tuple[int, ...], width: int, height: int, crop: Crop | None) -> tuple[int, int, int, int]:
-    """Left, top, columns and rows of what is shown to the network."""
+    """Left, top, columns and rows of what the network is shown; InputError if that leaves the picture."""
     rows, columns = shape
     if crop is None:
         side = max(1, min(columns, rows * width // height))

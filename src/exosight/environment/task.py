@@ -189,7 +189,7 @@ class Grips:
         self.config, self.schema = config, systems[0].schema
         self.sensor = config.sensor or self.schema.controlled
         self.schema.index(self.sensor)
-        self.camera = config.camera or systems[0].camera()
+        self.camera = config.camera or systems[0].camera
         self._ranges = ranges(self.schema, config)
         self._limits = default_limits(self.schema, config.contact_limit)
         self._plant = BatchPlant(systems, _SOLVER)

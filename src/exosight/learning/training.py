@@ -219,7 +219,7 @@ def _run_epoch(
         step=record.step,
         seconds=record.seconds,
         best_epoch=best_epoch,
-        complete=epoch == settings.epochs or run.recipe.stalled(run.history),
+        complete=epoch == settings.epochs or run.recipe.schedule.stalled(run.history),
     )
     run.save()
 
@@ -237,10 +237,10 @@ def _run_steps(
     steps = settings.epochs * len(batches)
     latest = run.history[-1] if run.history else None
     # A resumed epoch may have no step left, yet its record names the rate of its last one.
-    rate = run.recipe.rate(settings.learning_rate, max(run.position.step - 1, 0), steps, run.history)
+    rate = run.recipe.schedule.rate(settings.learning_rate, max(run.position.step - 1, 0), steps, run.history)
     saved = time.perf_counter()
     for chosen in batches[run.position.batch :]:
-        rate = run.recipe.rate(settings.learning_rate, run.position.step, steps, run.history)
+        rate = run.recipe.schedule.rate(settings.learning_rate, run.position.step, steps, run.history)
         mine = run.group.part(chosen)
         images: np.ndarray = frames.images[frames.stacks[mine]]
         if run.recipe.augments:

@@ -95,7 +95,7 @@ class FileDesigns:
         nominal = build(self._description)
         self.name, self.schema = nominal.name, nominal.schema
         self.families = (nominal.name,)
-        self.camera = nominal.camera()
+        self.camera = nominal.camera
         self.filters: Mapping[str, Filter] = {}
         for place, table in enumerate(self.varied):
             at_place(f"vary.{place}", _limits, table)

@@ -125,12 +125,10 @@ class System(eqx.Module):
         """The surfaces that a camera sees, in the order in which they are drawn."""
         return tuple(surface for surface in self.surfaces if isinstance(surface, TubeSurface))
 
-    def camera(self, name: str | None = None) -> Camera:
-        """A camera by its name, the first one by default; InputError if there is none."""
-        if name is None:
-            return self.cameras[0][1]
-        check_name("camera", name, dict(self.cameras))
-        return dict(self.cameras)[name]
+    @property
+    def camera(self) -> Camera:
+        """The first camera."""
+        return self.cameras[0][1]
 
     def loads(self, commands: Float[np.ndarray, "*batch channels"]) -> Float[np.ndarray, "*batch channels"]:
         """Loads of the robot [N or N m] at commands in the channels' units."""

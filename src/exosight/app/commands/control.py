@@ -71,7 +71,7 @@ def control(
         else:
             trials = run_targets(driven, measure, sensor, channel, targets, gains)
         if folder is not None:
-            write_trials(trials, model and str(model), driven.camera(), folder)
+            write_trials(trials, model and str(model), driven.camera, folder)
     if out is not None:
         say(f"wrote {out}")
     if json is None:

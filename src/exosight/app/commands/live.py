@@ -43,7 +43,7 @@ def live(
     model: MaybePath = None,
     json: Json = None,
 ) -> None:
-    """Press with a force, in real time: see, estimate, decide, act.
+    """Press with a force, in real time: acquire, estimate, control, actuate.
 
     Without a source, a simulated system is looked at and actuated. However the loop ends, Ctrl-C included,
     the command first returns to 0. At the start the controller is tuned on a simulation of the system,

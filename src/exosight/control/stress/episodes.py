@@ -74,7 +74,7 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
     held, after = round(config.hold_seconds * RATE), round(config.release_seconds * RATE)
     steps = held + after
     kind = KINDS[number % len(KINDS)]
-    camera = plants.nominal.camera()
+    camera = plants.nominal.camera
     system = plants.other(seed, number) if config.wrong_plant else plants.nominal
     springs, share = _joints(system)
     x, z, scale = rng.uniform(-1, 1, 3).tolist()
