@@ -227,3 +227,12 @@ def test_a_network_of_another_size_is_refused(tmp_path: Path, straight_config: C
     run(tmp_path / "run.h5", straight_config)
     with pytest.raises(InputError, match="images"):
         replay(read_recording(tmp_path / "run.h5"), OnnxEstimator.load(DEFAULT_MODEL).read)
+
+
+def test_a_recording_of_an_earlier_format_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "old.h5", "w") as file:
+        file.attrs["format"] = "exosight recording 2"
+    with pytest.raises(
+        DataError, match="recording format 2, this exosight reads format 3; record the run again"
+    ):
+        read_recording(tmp_path / "old.h5")

@@ -4,8 +4,9 @@ import contextlib
 import json
 import math
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -160,9 +161,9 @@ def _run(run: Run, data: TrainingData, progress: Callable[[Progress], None] | No
     """Take a run to its end, its curves into TensorBoard's files as well."""
     group, online_blocks = run.group, data.online_blocks
     with (
-        contextlib.closing(
-            online_blocks(run.position.epoch) if online_blocks and group.first else _no_blocks()
-        ) as blocks,
+        contextlib.closing(online_blocks(run.position.epoch))
+        if online_blocks and group.first
+        else contextlib.nullcontext(repeat(None)) as blocks,
         _board(run) as board,
     ):
         while not run.position.complete:
@@ -182,11 +183,6 @@ def _board(run: Run) -> SummaryWriter:
         filename_suffix=f".{step}",
         write_to_disk=run.group.first,
     )
-
-
-def _no_blocks() -> Generator[None, None, None]:
-    while True:
-        yield None
 
 
 def _run_epoch(

@@ -6,7 +6,7 @@ from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.mechanics import Gravity
 from exosight.system.build_actuators import build_actuators
-from exosight.system.build_bodies import build_bodies, rod_points
+from exosight.system.build_bodies import build_bodies, check_joint, rod_points
 from exosight.system.build_surfaces import build_surfaces
 from exosight.system.camera import Camera
 from exosight.system.description import JOINT_COORDINATES, Description, SensorTable
@@ -69,15 +69,10 @@ def _sensor(
     description: Description, name: str, table: SensorTable, spheres: dict[str, SphereSurface]
 ) -> Sensor:
     if table.type == "joint_angle":
-        link = description.links.get(table.body or "")
-        coordinates = 0 if link is None else JOINT_COORDINATES[link.joint.type]
-        if table.coordinate >= coordinates:
-            raise InputError(
-                f"body: expected a link with a joint of more than {table.coordinate} coordinates, got "
-                f"{table.body!r}"
-            )
+        body = table.body or ""
+        check_joint(description, body, table.coordinate)
         spec = SensorSpec(name, "joint angle", "rad", estimated=table.estimated)
-        return JointAngle(spec, table.body or "", table.coordinate)
+        return JointAngle(spec, body, table.coordinate)
     if table.type == "net_force":
         for part in table.parts or ():
             if part in description.sensors and description.sensors[part].type == "joint_angle":

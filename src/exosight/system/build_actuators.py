@@ -7,8 +7,8 @@ from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.mechanics import JointTorque, PressureLine
 from exosight.mechanics.term import Term
-from exosight.system.build_bodies import rod_points, rod_profile
-from exosight.system.description import JOINT_COORDINATES, ActuatorTable, Description, RodTable
+from exosight.system.build_bodies import check_joint, rod_points, rod_profile
+from exosight.system.description import ActuatorTable, Description, RodTable
 from exosight.system.faults import at_place
 from exosight.system.schema import Channel
 from exosight.system.system import Actuator
@@ -95,13 +95,7 @@ def _gain(text: str | None, unit: str, natural: str) -> float:
 
 
 def _torque(description: Description, table: ActuatorTable, place: int) -> Term:
-    link = description.links.get(table.body)
-    coordinates = 0 if link is None else JOINT_COORDINATES[link.joint.type]
-    if table.coordinate >= coordinates:
-        raise InputError(
-            f"body: expected a link with a joint of more than {table.coordinate} coordinates, got "
-            f"{table.body!r}"
-        )
+    check_joint(description, table.body, table.coordinate)
     return JointTorque(table.body, place, table.coordinate)
 
 

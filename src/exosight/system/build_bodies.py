@@ -8,7 +8,14 @@ from exosight.errors import InputError
 from exosight.mechanics import Circular, Fixed, Gauss, Link, NodalQuadratic, Revolute, Rod, Universal
 from exosight.mechanics.joint import Joint
 from exosight.mechanics.tree import Body
-from exosight.system.description import Description, JointTable, LinkTable, RadiusProfile, RodTable
+from exosight.system.description import (
+    JOINT_COORDINATES,
+    Description,
+    JointTable,
+    LinkTable,
+    RadiusProfile,
+    RodTable,
+)
 from exosight.system.faults import at_place
 from exosight.system.profile import Points, Profile, from_formula, from_points
 from exosight.system.units import LENGTH
@@ -113,6 +120,15 @@ def _joint(table: JointTable) -> Joint:
     if table.type == "universal":
         return Universal(stiffness=table.stiffness, limits=limits, limit_stiffness=held)
     return Revolute(_AXES[table.axis], stiffness=table.stiffness, limits=limits, limit_stiffness=held)
+
+
+def check_joint(description: Description, body: str, coordinate: int) -> None:
+    """InputError unless a body is a link whose joint has this coordinate, counted from 0."""
+    link = description.links.get(body)
+    if coordinate >= (0 if link is None else JOINT_COORDINATES[link.joint.type]):
+        raise InputError(
+            f"body: expected a link with a joint of more than {coordinate} coordinates, got {body!r}"
+        )
 
 
 def _mount(table: LinkTable | RodTable) -> Float[np.ndarray, "4 4"]:

@@ -18,7 +18,7 @@ from exosight.vision.counter_rng import Seed, uniforms
 from exosight.vision.pixel_loops import edges
 from exosight.vision.renderer import BACKGROUND
 from exosight.vision.transforms import TRANSFORMS
-from exosight.vision.transforms.base import Canvas, Column, Draws, Picture, Row, acts
+from exosight.vision.transforms.base import Canvas, Column, Draws, Picture, Row
 from exosight.vision.view import homographies
 
 Pictures = UInt8[np.ndarray, "frames height width"]
@@ -120,7 +120,7 @@ def augment(images: Pictures, appearance: Appearance, cover: Pictures | None = N
 def _transformed(
     picture: Picture, row: Row, homography: Float64[np.ndarray, "3 3"], cover: Picture | None
 ) -> Picture:
-    acting = [each for each in TRANSFORMS if acts(each, row)]
+    acting = [each for each in TRANSFORMS if each.acts(row)]
     if cover is None and any(each.separates for each in acting):
         cover = coverage(picture)
     canvas = Canvas(picture, cover, homography, int(row[SEED]))
