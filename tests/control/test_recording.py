@@ -46,7 +46,7 @@ def run(path: Path, config: ControllerConfig, count: int = 47) -> list[Step]:
     """Record a run; the network's file is any file."""
     steps: list[Step] = []
     moment = itertools.count()
-    guarded = Guarded(Scheduled(config), GuardConfig(doubtful_width=0.5))
+    guarded = Guarded(Scheduled(config), GuardConfig(uncertain_width=0.5))
     recorder = Recorder(path, SHAPE, guarded, Path(__file__))
 
     class Hand:
@@ -84,7 +84,7 @@ def test_what_is_recorded_is_read(tmp_path: Path, straight_config: ControllerCon
     np.testing.assert_array_equal(told.true[20], np.full(7, 0.01 * 20))
     for i in (0, 20, 46):
         np.testing.assert_array_equal(told.images[i], steps[i].measurement.image)
-    assert told.guard.doubtful_width == 0.5
+    assert told.guard.uncertain_width == 0.5
     assert told.model == checksum(Path(__file__))
     np.testing.assert_array_equal(told.controller.unloading.outputs, straight_config.unloading.outputs)
 
@@ -136,7 +136,7 @@ def test_a_file_is_not_overwritten(tmp_path: Path, straight_config: ControllerCo
 
 def test_a_killed_process_leaves_its_whole_seconds(tmp_path: Path, straight_config: ControllerConfig) -> None:
     steps = run(tmp_path / "whole.h5", straight_config)
-    guarded = Guarded(Scheduled(straight_config), GuardConfig(doubtful_width=0.5))
+    guarded = Guarded(Scheduled(straight_config), GuardConfig(uncertain_width=0.5))
     recorder = Recorder(tmp_path / "run.h5", SHAPE, guarded, Path(__file__))
     for step in steps:
         recorder.append(step)

@@ -38,7 +38,7 @@ def test_one_cycle_is_defined_for_the_shortest_runs(steps: int):
 
 
 def test_modern_recipe_never_stops_early():
-    assert not RECIPES["modern"].schedule.stalled(after([1.0] * 50))
+    assert not RECIPES["modern"].schedule.should_stop(after([1.0] * 50))
 
 
 @pytest.mark.parametrize(
@@ -65,13 +65,13 @@ def test_modern_recipe_never_stops_early():
 def test_paper_recipe_on_scripted_losses(losses: list[float], cuts: int, stalled: bool):
     recipe, history = RECIPES["paper"], every_fifth(losses)
     assert recipe.schedule.rate(2e-4, 0, 1, history) == pytest.approx(2e-4 * 0.1**cuts)
-    assert recipe.schedule.stalled(history) is stalled
+    assert recipe.schedule.should_stop(history) is stalled
 
 
 def test_paper_recipe_is_the_printed_one():
     recipe = RECIPES["paper"]
     assert (recipe.learning_rate, recipe.weight_decay, recipe.validate_every) == (2e-4, 0.0, 5)
-    assert (recipe.scales_outputs, recipe.loss_corner, recipe.augments) == (False, 0.0, False)
+    assert (recipe.scales_outputs, recipe.smooth_l1_beta, recipe.augments) == (False, 0.0, False)
 
 
 def test_adamw_without_decay_is_adam():

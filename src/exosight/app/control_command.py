@@ -20,8 +20,8 @@ from exosight.control import (
     Record,
     Trial,
     hold_and_release,
+    run_trial,
     study,
-    try_law,
 )
 from exosight.control.loop import RATE
 from exosight.control.simulated import SimulatedPlant
@@ -80,7 +80,7 @@ def run_targets(
             for gain in gains:
                 law = Proportional(gain, system.schema.channel(channel))
                 asked = hold_and_release(target, round(STEP_SECONDS * RATE))
-                found.append(try_law(plant, law, measure, asked, sensor, channel))
+                found.append(run_trial(plant, law, measure, asked, sensor, channel))
                 update(len(found), len(targets) * len(gains))
     return found
 

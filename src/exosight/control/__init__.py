@@ -30,9 +30,9 @@ from exosight.control.laws import Law, OpenLoop, Proportional
 from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_reading
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import Observation, Plant
-from exosight.control.responses import Response, judge_response
+from exosight.control.responses import Response, measure_response
 from exosight.control.scheduled import Scheduled
-from exosight.control.trials import CONTROL_SHAPE, ControllerStudy, Trial, study, try_law
+from exosight.control.trials import CONTROL_SHAPE, ControllerStudy, Trial, run_trial, study
 
 __all__ = [
     "CONTROL_SHAPE",
@@ -61,12 +61,12 @@ __all__ = [
     "from_image",
     "hold",
     "hold_and_release",
-    "judge_response",
+    "measure_response",
     "measurement_from",
     "run",
     "run_guarded",
+    "run_trial",
     "study",
     "true_measurement",
     "true_reading",
-    "try_law",
 ]

@@ -16,7 +16,7 @@ class Law(Protocol):
     """A feedback law; what it remembers between steps is its own affair."""
 
     def reset(self) -> None:
-        """Forget everything: the plant stands at u = 0."""
+        """Return to the initial state, at u = 0."""
         ...
 
     def next(self, target: float, measured: float) -> float:

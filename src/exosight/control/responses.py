@@ -16,7 +16,7 @@ none; 2 % and 5 % are customary, and 2 % of its targets is less than a camera es
 
 @dataclass(frozen=True)
 class Response:
-    """One response to a target that is held and then perhaps released; see `judge_response`.
+    """One response to a target that is held and then perhaps released; see `measure_response`.
 
     "Late" is the last quarter of the steps for which the target is held (at least one).
     """
@@ -45,7 +45,7 @@ class Response:
     never in the band: the law has nothing left to give, and the pose does not answer."""
 
 
-def judge_response(
+def measure_response(
     time: Float[np.ndarray, " steps"],
     target: Float[np.ndarray, " steps"],
     force: Float[np.ndarray, " steps"],

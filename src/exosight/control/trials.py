@@ -12,7 +12,7 @@ from jaxtyping import Float
 from exosight.control.laws import Proportional
 from exosight.control.loop import RATE, Measure, Record, hold, hold_and_release, run
 from exosight.control.plant import Plant
-from exosight.control.responses import Response, judge_response
+from exosight.control.responses import Response, measure_response
 from exosight.exosuit.shapes import ExosuitShape, Linear
 
 CONTROL_SHAPE = ExosuitShape(Linear(r0=0.010, r1=0.005), length=0.095)
@@ -53,7 +53,7 @@ class ControllerStudy:
     """One a gain of STEP_GAINS."""
 
 
-def try_law(
+def run_trial(
     plant: Plant,
     law: Proportional,
     measure: Measure,
@@ -63,10 +63,10 @@ def try_law(
 ) -> Trial:
     """One run of the paper's law from rest, judged on the true readings; arguments as for `run`.
 
-    target   (steps,)  one value above 0, perhaps released, as `judge_response` takes it
+    target   (steps,)  one value above 0, perhaps released, as `measure_response` takes it
     """
     record = run(plant, law, measure, target, sensor, channel)
-    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+    response = measure_response(record.time, record.target, record.true, record.command, record.driven)
     return Trial(law.gain, record, response)
 
 
@@ -81,7 +81,7 @@ def study(
     """
 
     def trial(gain: float, target: Float[np.ndarray, " steps"]) -> Trial:
-        finished = try_law(plant, Proportional(gain, plant.schema.channels[0]), measure, target)
+        finished = run_trial(plant, Proportional(gain, plant.schema.channels[0]), measure, target)
         done(finished)
         return finished
 

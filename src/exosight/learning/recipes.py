@@ -20,7 +20,7 @@ class Schedule(Protocol):
         """Learning rate of a step, counted from 0 of `steps`, after the epochs in `history`."""
         ...
 
-    def stalled(self, history: Sequence[EpochRecord]) -> bool:
+    def should_stop(self, history: Sequence[EpochRecord]) -> bool:
         """Whether the history says to stop before the last epoch."""
         ...
 
@@ -40,14 +40,14 @@ class Recipe:
     """decoupled weight decay (AdamW); 0 is plain Adam"""
     scales_outputs: bool
     """whether the loss measures each output in its own standard deviation, or all in their units"""
-    loss_corner: float
+    smooth_l1_beta: float
     """error at which the loss turns from a square to its absolute value; 0 is plain L1"""
     augments: bool
     """whether the training images are moved, faded and made noisy at random, see `augmentation`"""
     balances: bool
     """whether frames that load a rarely loaded contact come more often, see `training_data.balanced`"""
-    memory: float
-    """share of the running average of the weights that a step leaves; 0: the last weights are kept"""
+    ema_decay: float
+    """of the exponential moving average of the weights; 0: the last weights are kept"""
     validate_every: int
     """epochs between validations"""
     precision: Literal["float32", "bfloat16"] | None = None
@@ -67,13 +67,13 @@ class OneCycle:
             return _cosine(peak / 25.0, peak, step / top)
         return _cosine(peak, peak / 25.0e4, (step - top) / max(steps - 1.0 - top, 1.0))
 
-    def stalled(self, history: Sequence[EpochRecord]) -> bool:
+    def should_stop(self, history: Sequence[EpochRecord]) -> bool:
         """Never: the cycle only makes sense whole."""
         return False
 
 
 @dataclass(frozen=True)
-class Plateaus:
+class ReduceOnPlateau:
     """A tenth of the rate on each plateau, until so many validations in a row bring nothing better.
 
     A plateau is 10 epochs without a lower validation loss, counted from the last lower one or the last cut;
@@ -88,7 +88,7 @@ class Plateaus:
         cuts, _ = self._replay(history)
         return peak * 0.1**cuts
 
-    def stalled(self, history: Sequence[EpochRecord]) -> bool:
+    def should_stop(self, history: Sequence[EpochRecord]) -> bool:
         """Whether the last validations were all no better than an earlier one."""
         _, stale = self._replay(history)
         return stale >= self.patience
@@ -122,10 +122,10 @@ _MODERN = Recipe(
     batch=128,
     weight_decay=0.01,
     scales_outputs=True,
-    loss_corner=1.0,
+    smooth_l1_beta=1.0,
     augments=True,
     balances=True,
-    memory=0.999,
+    ema_decay=0.999,
     validate_every=1,
 )
 
@@ -133,16 +133,16 @@ RECIPES: dict[str, Recipe] = {
     "modern": _MODERN,
     "clean": replace(_MODERN, augments=False, balances=False),
     "paper": Recipe(
-        Plateaus(),
+        ReduceOnPlateau(),
         learning_rate=2e-4,
         epochs=2000,
         batch=64,
         weight_decay=0.0,
         scales_outputs=False,
-        loss_corner=0.0,
+        smooth_l1_beta=0.0,
         augments=False,
         balances=False,
-        memory=0.0,
+        ema_decay=0.0,
         validate_every=5,
         precision="float32",
     ),

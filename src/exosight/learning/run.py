@@ -21,7 +21,7 @@ from exosight.learning.checkpoint import (
 )
 from exosight.learning.history import HISTORY_NAME, EpochRecord, write_history
 from exosight.learning.networks import Network
-from exosight.learning.parallel import check_alike, share, whole_batch
+from exosight.learning.parallel import broadcast, check_identical, synchronised
 from exosight.learning.process_group import ProcessGroup
 from exosight.learning.recipes import RECIPES
 from exosight.system.schema import difference
@@ -48,8 +48,10 @@ class Run:
         if weights is not None:
             network.load_state_dict(weights)
             # Worked out on each machine: rounded as on the first.
-            share(group, (tensor for tensor in network.state_dict().values() if tensor.is_floating_point()))
-        network = whole_batch(group, network)
+            broadcast(
+                group, (tensor for tensor in network.state_dict().values() if tensor.is_floating_point())
+            )
+        network = synchronised(group, network)
         # Channels last: a step takes 60 to 90 % of the time that it takes otherwise.
         self.network = network.to(memory_format=torch.channels_last).to(settings.device)  # pyright: ignore[reportCallIssue]
         self.scale = torch.tensor(identity.output_scale, dtype=torch.float32, device=settings.device)
@@ -129,7 +131,7 @@ def open_run(
 
 def _check_one_run(run: Run) -> None:
     """That all processes have the same run before them, and have looked before the first writes."""
-    check_alike(
+    check_identical(
         run.group,
         f"{run.identity} {run.position}",
         f"{run.folder}: the processes of this run differ in settings, data or checkpoint; start all with one "

@@ -25,7 +25,13 @@ from exosight.learning.losses import output_loss, training_loss
 from exosight.learning.networks import SensorModel, answers
 from exosight.learning.online_simulation import EpochData, epoch_data
 from exosight.learning.outputs import nonnegative
-from exosight.learning.parallel import add_up, choose_device, choose_precision, share, share_block
+from exosight.learning.parallel import (
+    all_reduce_sum,
+    broadcast,
+    broadcast_block,
+    choose_device,
+    choose_precision,
+)
 from exosight.learning.pretrained import Pretrained, check_pretrained, first_weights
 from exosight.learning.process_group import SINGLE, ProcessGroup
 from exosight.learning.recipes import RECIPES
@@ -168,7 +174,7 @@ def _run(run: Run, data: TrainingData, progress: Callable[[Progress], None] | No
     ):
         while not run.position.complete:
             block = next(blocks)
-            _run_epoch(run, data, share_block(group, block) if online_blocks else block, progress)
+            _run_epoch(run, data, broadcast_block(group, block) if online_blocks else block, progress)
             latest = run.history[-1]
             for name, value in latest.curves().items():
                 board.add_scalar(name, value, latest.step)
@@ -215,7 +221,7 @@ def _run_epoch(
         step=record.step,
         seconds=record.seconds,
         best_epoch=best_epoch,
-        complete=epoch == settings.epochs or run.recipe.schedule.stalled(run.history),
+        complete=epoch == settings.epochs or run.recipe.schedule.should_stop(run.history),
     )
     run.save()
 
@@ -292,12 +298,12 @@ def _step(run: Run, batch: _Batch, rate: float, part: float) -> tuple[float, flo
         torch.from_numpy(batch.labels).to(settings.device) / run.scale,
         torch.from_numpy(batch.auxiliary).to(settings.device) / run.auxiliary_scale,
         nonnegative(run.identity.schema),
-        run.recipe.loss_corner,
+        run.recipe.smooth_l1_beta,
     )
     loss, own = (part * each for each in losses)
     loss.backward()
     gradients = (weight.grad for weight in run.network.parameters() if weight.grad is not None)
-    add_up(run.group, [loss, own, *gradients])
+    all_reduce_sum(run.group, [loss, own, *gradients])
     run.optimizer.step()
     _update_average(run)
     whole, of_outputs = torch.stack([loss, own]).tolist()
@@ -307,12 +313,12 @@ def _step(run: Run, batch: _Batch, rate: float, part: float) -> tuple[float, flo
 def _update_average(run: Run) -> None:
     """Move the running average of the weights; fast at first, when what it holds is far from trained."""
     steps = run.position.step
-    memory = min(run.recipe.memory, (1 + steps) / (10 + steps))
+    decay = min(run.recipe.ema_decay, (1 + steps) / (10 + steps))
     with torch.no_grad():
         for name, tensor in run.network.state_dict().items():
             average = run.average[name]
             if tensor.dtype.is_floating_point:
-                average.lerp_(tensor, 1 - memory)
+                average.lerp_(tensor, 1 - decay)
             else:
                 average.copy_(tensor)
 
@@ -320,7 +326,7 @@ def _update_average(run: Run) -> None:
 def _validate(run: Run, data: TrainingData) -> tuple[float, float]:
     """The recipe's loss and the mean absolute error [the outputs' units] as they would be in use."""
     # On CPUs the statistics of batch normalisation differ between the processes.
-    share(run.group, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
+    broadcast(run.group, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
     model = SensorModel(run.averaged(), run.scale, nonnegative(run.identity.schema)).eval()
     settings, index = run.identity.settings, data.validation_index
     seen = stacks(data.previous, settings.history, len(data.images))
@@ -331,10 +337,10 @@ def _validate(run: Run, data: TrainingData) -> tuple[float, float]:
             truth = torch.from_numpy(data.labels[chosen]).to(settings.device)
             commands = None if data.commands is None else data.commands[chosen]
             values, _, _ = model(*_tensors(data.images[seen[chosen]], commands, settings.device))
-            loss = output_loss(values / run.scale, truth / run.scale, run.recipe.loss_corner)
+            loss = output_loss(values / run.scale, truth / run.scale, run.recipe.smooth_l1_beta)
             l1 = nn.functional.l1_loss(values, truth)
             totals += torch.tensor([loss.item(), l1.item()], dtype=torch.float64) * len(chosen)
-    add_up(run.group, [totals])
+    all_reduce_sum(run.group, [totals])
     loss, l1 = (totals / len(index)).tolist()
     return loss, l1
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from exosight.arrays import AnyArray
 from exosight.mechanics.kinematics import walk
 from exosight.mechanics.robot import Robot
-from exosight.system.sensors import ContactForce, Reading
+from exosight.system.sensors import ContactForce, SensorInput
 from exosight.system.surfaces import SphereSurface
 from exosight.system.system import System
 
@@ -50,7 +50,7 @@ def _observe(system: System, q: Float[Array, " dofs"]) -> Observation:
     motion = walk(robot, q)
     position = motion.position
     forces = _sphere_forces(system, robot, position)
-    at = Reading(robot, q, forces, {})
+    at = SensorInput(robot, q, forces, {})
     values: dict[str, Array] = {}
     for sensor in system.sensors:
         values[sensor.spec.name] = sensor.read(at._replace(values=values))

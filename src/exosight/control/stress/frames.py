@@ -12,7 +12,7 @@ from exosight.control.guard import Measurement
 from exosight.control.loop import RATE
 from exosight.control.stress.episodes import Burst, Episode
 from exosight.vision.corruptions import add_noise
-from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS, OCCLUSIONS, occluder, put_before
+from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS, OCCLUSIONS, occluder, overlay
 
 Images = UInt8[np.ndarray, "episodes height width"]
 Look = Callable[[BatchPlant, Sequence[Episode], int], tuple[Images, Reading]]
@@ -113,4 +113,4 @@ def _spoilt(image: np.ndarray, burst: Burst, step: int) -> np.ndarray:
         rng.uniform(0, np.pi),
         rng.random(),
     )
-    return put_before(image, occluder(kind, image, burst.hidden, at, angle, burst.seed), shade)
+    return overlay(image, occluder(kind, image, burst.hidden, at, angle, burst.seed), shade)

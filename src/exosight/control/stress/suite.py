@@ -23,7 +23,7 @@ class Controller(Protocol):
     log: list[Transition]
 
     def reset(self) -> None:
-        """Forget everything: the plant stands at u = 0."""
+        """Return to the initial state, at u = 0."""
         ...
 
     def step(self, target: float, measurement: Measurement) -> float:
@@ -43,7 +43,7 @@ class Unguarded:
         self.log: list[Transition] = []
 
     def reset(self) -> None:
-        """Forget everything: the plant stands at u = 0."""
+        """Return to the initial state, at u = 0."""
         self._law.reset()
 
     def step(self, target: float, measurement: Measurement) -> float:

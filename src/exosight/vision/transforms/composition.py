@@ -7,7 +7,7 @@ from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.background import BACKGROUNDS, HELD_OUT_BACKGROUNDS, Background, background
 from exosight.vision.occlusion import draw_fingers
 from exosight.vision.transforms.base import TURN, Canvas, Column, Draws, Row, Transform
-from exosight.vision.view import seen
+from exosight.vision.view import remapped
 
 BACKGROUND_KINDS: tuple[Background, ...] = BACKGROUNDS + HELD_OUT_BACKGROUNDS
 """What the column `background` counts, from 1; 0 is the renderer's."""
@@ -46,7 +46,7 @@ class View(Transform):
         height, width = canvas.bodies.shape
         shift = (row["shift_x"] * width, row["shift_y"] * height)
         layers = (canvas.bodies,) if canvas.cover is None else (canvas.bodies, canvas.cover)
-        canvas.bodies, *rest = seen(layers, canvas.homography, row["distortion"], shift)
+        canvas.bodies, *rest = remapped(layers, canvas.homography, row["distortion"], shift)
         canvas.cover = rest[0] if rest else None
 
 

@@ -10,7 +10,7 @@ from exosight.vision.occlusion import (
     Occlusion,
     draw_fingers,
     occluder,
-    put_before,
+    overlay,
 )
 from exosight.vision.transforms.base import TURN, Canvas, Column, Draws, Row, Transform
 
@@ -65,4 +65,4 @@ class Occluder(Transform):
         kind = OCCLUSION_KINDS[int(row["occlusion"]) - 1]
         share, place, angle = row["occluded"], row["occlusion_at"], row["occlusion_angle"]
         mask = occluder(kind, canvas.bodies, share, place, angle, canvas.own(BEFORE))
-        canvas.picture = put_before(canvas.picture, mask, row["occlusion_shade"])
+        canvas.picture = overlay(canvas.picture, mask, row["occlusion_shade"])
