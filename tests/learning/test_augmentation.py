@@ -27,7 +27,7 @@ def test_images_move_by_whole_pixels_and_their_border_repeats():
 
 def test_small_images_stay_where_they_are():
     images = np.random.default_rng(0).integers(0, 256, (8, 1, 39, 39), np.uint8)
-    assert np.array_equal(moved(images, np.random.default_rng(1)), images)
+    assert np.array_equal(shifted(images, np.random.default_rng(1)), images)
 
 
 def test_what_happens_follows_from_seed_epoch_and_step_alone():
