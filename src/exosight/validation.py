@@ -1,5 +1,6 @@
 """What configurations, files and metadata are checked with."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any
 
@@ -38,6 +39,13 @@ def check_name(what: str, name: object, known: Iterable[object]) -> None:
             f"one of {', '.join(map(str, known))}" if known else "none, as there is nothing to choose from"
         )
         raise InputError(f"{what}: expected {listed}, got {name!r}")
+
+
+def check_unique(what: str, names: Iterable[object]) -> None:
+    """InputError unless all names differ."""
+    twice = next((name for name, count in Counter(names).items() if count > 1), None)
+    if twice is not None:
+        raise InputError(f"{what}: expected different names, got {twice} twice")
 
 
 def first_difference(first: Any, second: Any, name: str = "") -> tuple[str, Any, Any] | None:

@@ -47,7 +47,7 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
         "rods.soft.parent: expected one of soft, base, tip, got 'hand'",
     ),
     (('length = "40 mm"', 'length = "40 mm"\nparent = "tip"'), "a cycle; one body must sit on the ground"),
-    (("[links.tip]", "[links.soft]"), "expected different names of rods and links, got soft twice"),
+    (("[links.tip]", "[links.soft]"), "rods and links: expected different names, got soft twice"),
     (
         ('surface = "pads"\nspheres', 'surface = "palm"\nspheres'),
         "sensors.near.surface: expected one of ",
@@ -67,7 +67,7 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
         ('["near", "far"]', '["near", "thumb"]'),
         "sensors: sensor sum: it sums thumb, which is no sensor before it",
     ),
-    (('["near", "far"]', '["near", "near"]'), "sensors.sum: parts: expected each sensor once"),
+    (('["near", "far"]', '["near", "near"]'), "sensors.sum: parts: expected different names, got near twice"),
     (('second = "pads"', 'second = "soft_points"'), "contacts.press: both surfaces are on soft"),
     (("at = [0.5, 1.0]", ""), "surfaces.pads.at: expected places along base from 0 to 1, got none"),
     (

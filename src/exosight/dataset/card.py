@@ -51,7 +51,7 @@ def readme(manifest: Manifest, kept: dict[str, int]) -> str:
         rows=row_shapes(manifest.schema, manifest.dofs),
         kept=kept,
         asked=manifest.frames + sum(manifest.dropped.values()),
-        designs={manifest.scenarios[k]: count for k, count in _designs(manifest).items()},
+        designs=Counter(manifest.scenarios[design.scenario] for design in manifest.designs),
         path=_path(manifest),
         causes=_CAUSES,
         config=json.dumps(manifest.config, indent=1),
@@ -129,11 +129,6 @@ def _name(manifest: Manifest) -> str:
 
 def _paper(manifest: Manifest) -> str:
     return PAPER if manifest.description is None else ""
-
-
-def _designs(manifest: Manifest) -> Counter[int]:
-    """Designs of each scenario."""
-    return Counter(design.scenario for design in manifest.designs)
 
 
 def _path(manifest: Manifest) -> str:

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import repeat
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -159,8 +158,7 @@ def _first_weights(pretrained: Pretrained, identity: RunIdentity, data: Training
     check_pretrained(pretrained, identity)
     chosen = index[np.linspace(0, len(index) - 1, min(len(index), _PRETRAINED_IMAGES)).astype(np.intp)]
     seen = stacks(data.previous, settings.history, len(data.images))[chosen]
-    commands = None if data.commands is None else data.commands[chosen]
-    return first_weights(pretrained, identity, *_tensors(data.images[seen], commands, "cpu"))
+    return first_weights(pretrained, identity, *_tensors(data.images[seen], data.commands, chosen, "cpu"))
 
 
 def _run(run: Run, data: TrainingData, progress: Callable[[Progress], None] | None) -> None:
@@ -247,13 +245,7 @@ def _run_steps(
         images: np.ndarray = frames.images[frames.stacks[mine]]
         if run.recipe.augments:
             images = augment_batch(images, settings.seed, epoch, run.position.batch, run.group.rank)
-        batch = _Batch(
-            images,
-            None if frames.commands is None else frames.commands[mine],
-            frames.labels[mine],
-            frames.auxiliary[mine],
-        )
-        loss, of_outputs = _step(run, batch, rate, len(mine) / len(chosen))
+        loss, of_outputs = _step(run, frames, mine, images, rate, len(mine) / len(chosen))
         _require_finite(loss, "loss", epoch, settings)
         now = time.perf_counter()
         run.position = replace(
@@ -271,17 +263,10 @@ def _run_steps(
     return rate
 
 
-class _Batch(NamedTuple):
-    """What a step learns from."""
-
-    images: UInt8[np.ndarray, "batch stack height width"] | Float32[np.ndarray, "batch stack height width"]
-    commands: Float32[np.ndarray, "batch channels"] | None
-    labels: Float32[np.ndarray, "batch outputs"]
-    auxiliary: Float32[np.ndarray, "batch auxiliary"]
-
-
-def _step(run: Run, batch: _Batch, rate: float, part: float) -> tuple[float, float]:
-    """Take one step on the recipe's loss, of which this batch is a part.
+def _step(
+    run: Run, frames: EpochData, chosen: np.ndarray, images: np.ndarray, rate: float, part: float
+) -> tuple[float, float]:
+    """Take one step on the recipe's loss, of which these images are a part.
 
     returns  the loss before it, and that of the outputs alone
     """
@@ -292,11 +277,11 @@ def _step(run: Run, batch: _Batch, rate: float, part: float) -> tuple[float, flo
     run.optimizer.zero_grad()
     low = settings.precision == "bfloat16"
     with torch.autocast(settings.device, torch.bfloat16, enabled=low):
-        output = run.network(*_tensors(batch.images, batch.commands, settings.device))
+        output = run.network(*_tensors(images, frames.commands, chosen, settings.device))
     losses = training_loss(
         answers(output.float(), run.network.outputs),
-        torch.from_numpy(batch.labels).to(settings.device) / run.scale,
-        torch.from_numpy(batch.auxiliary).to(settings.device) / run.auxiliary_scale,
+        torch.from_numpy(frames.labels[chosen]).to(settings.device) / run.scale,
+        torch.from_numpy(frames.auxiliary[chosen]).to(settings.device) / run.auxiliary_scale,
         nonnegative(run.identity.schema),
         run.recipe.smooth_l1_beta,
     )
@@ -335,8 +320,7 @@ def _validate(run: Run, data: TrainingData) -> tuple[float, float]:
         for start in range(0, len(index), _VALIDATION_BATCH)[run.group.rank :: run.group.size]:
             chosen = index[start : start + _VALIDATION_BATCH]
             truth = torch.from_numpy(data.labels[chosen]).to(settings.device)
-            commands = None if data.commands is None else data.commands[chosen]
-            values, _, _ = model(*_tensors(data.images[seen[chosen]], commands, settings.device))
+            values, _, _ = model(*_tensors(data.images[seen[chosen]], data.commands, chosen, settings.device))
             loss = output_loss(values / run.scale, truth / run.scale, run.recipe.smooth_l1_beta)
             l1 = nn.functional.l1_loss(values, truth)
             totals += torch.tensor([loss.item(), l1.item()], dtype=torch.float64) * len(chosen)
@@ -347,14 +331,15 @@ def _validate(run: Run, data: TrainingData) -> tuple[float, float]:
 
 def _tensors(
     images: UInt8[np.ndarray, "batch stack height width"] | Float32[np.ndarray, "batch stack height width"],
-    commands: Float32[np.ndarray, "batch channels"] | None,
+    commands: Float32[np.ndarray, "frames channels"] | None,
+    chosen: np.ndarray,
     device: str,
 ) -> tuple[Float[Tensor, "batch stack height width"], Float[Tensor, "batch channels"] | None]:
-    """A batch of images in [0, 1] and its commands; grays stay uint8 in memory until here."""
+    """A batch of images in [0, 1] and the commands of the chosen frames; grays stay uint8 until here."""
     tensor = torch.from_numpy(images).to(device)
     if images.dtype == np.uint8:
         tensor = tensor.float().div_(255.0)
-    return tensor, None if commands is None else torch.from_numpy(commands).to(device)
+    return tensor, None if commands is None else torch.from_numpy(commands[chosen]).to(device)
 
 
 def _check_slices(frames: int, batch: int, group: ProcessGroup) -> None:

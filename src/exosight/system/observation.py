@@ -37,15 +37,13 @@ def observe(systems: System, q: Float[AnyArray, "systems states dofs"]) -> Obser
 
     returns   with batch dimensions (systems, states)
     """
-    return jax.vmap(lambda system, path: jax.vmap(partial(_observe, system))(path))(systems, jnp.asarray(q))
+    return jax.vmap(lambda system, path: jax.vmap(partial(observe_state, system))(path))(
+        systems, jnp.asarray(q)
+    )
 
 
 def observe_state(system: System, q: Float[Array, " dofs"]) -> Observation:
     """The same of one system at one state; JAX can differentiate it."""
-    return _observe(system, q)
-
-
-def _observe(system: System, q: Float[Array, " dofs"]) -> Observation:
     robot = system.robot
     motion = walk(robot, q)
     position = motion.position

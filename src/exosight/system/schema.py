@@ -14,7 +14,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from exosight.errors import InputError
-from exosight.validation import CONFIG, Name, check_name, first_fault
+from exosight.validation import CONFIG, Name, check_name, check_unique, first_fault
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Unit = Annotated[str, Field(max_length=16, pattern=r"^[A-Za-zµ°%Ω][A-Za-z0-9µ°%Ω/^ .-]*$")]
@@ -92,15 +92,8 @@ class Schema:
     cameras: Annotated[tuple[ViewSpec, ...], Field(min_length=1, max_length=64)]
 
     def __post_init__(self) -> None:
-        for kind, entries in (
-            ("channels", self.channels),
-            ("sensors", self.sensors),
-            ("cameras", self.cameras),
-        ):
-            names = [entry.name for entry in entries]
-            twice = next((name for name in names if names.count(name) > 1), None)
-            if twice:
-                raise ValueError(f"{kind}: expected different names, got {twice} twice")
+        for kind in ("channels", "sensors", "cameras"):
+            check_unique(kind, (entry.name for entry in getattr(self, kind)))
         known: set[str] = set()
         for sensor in self.sensors:
             unknown = [part for part in sensor.parts if part not in known]

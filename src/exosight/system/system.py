@@ -1,6 +1,6 @@
 """A system: bodies, surfaces, contacts, actuators, sensors and cameras, all named, all plural."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import TypeVar
 
 import equinox as eqx
@@ -18,7 +18,7 @@ from exosight.system.camera import Camera
 from exosight.system.schema import Channel, Schema, ViewSpec
 from exosight.system.sensors import ContactForce, JointAngle, Sensor
 from exosight.system.surfaces import SphereSurface, Surface, TubeSurface
-from exosight.validation import check_name
+from exosight.validation import check_name, check_unique
 
 Part = TypeVar("Part", bound=eqx.Module)
 
@@ -81,8 +81,8 @@ class System(eqx.Module):
         bodies = [body.name for body in self.bodies]
         surfaces = {surface.name: surface for surface in self.surfaces}
         spheres = [name for name, surface in surfaces.items() if isinstance(surface, SphereSurface)]
-        _check_different("surface", (surface.name for surface in self.surfaces))
-        _check_different("contact", (contact.name for contact in self.contacts))
+        check_unique("surfaces", (surface.name for surface in self.surfaces))
+        check_unique("contacts", (contact.name for contact in self.contacts))
         for contact in self.contacts:
             for side in (contact.first, contact.second):
                 check_name(f"sphere surface of contact {contact.name}", side, spheres)
@@ -151,11 +151,3 @@ def stack_systems(systems: Sequence[Part]) -> Part:
     if len({jax.tree.structure(system) for system in systems}) != 1:
         raise InputError("systems: expected at least one, all of one structure (parts, names, counts)")
     return jax.tree.map(lambda *leaves: np.stack(leaves), *systems)
-
-
-def _check_different(kind: str, names: Iterable[str]) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise InputError(f"system: two {kind}s are named {name}; give each its own name")
-        seen.add(name)
