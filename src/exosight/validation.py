@@ -24,7 +24,11 @@ def rising(limits: tuple[float, float]) -> tuple[float, float]:
 
 def first_fault(error: ValidationError) -> str:
     """The first thing wrong, and where, in one sentence."""
-    fault = error.errors(include_url=False)[0]
+    return fault_sentence(error.errors(include_url=False)[0])
+
+
+def fault_sentence(fault: Mapping[str, Any]) -> str:
+    """One of pydantic's error details, and where it is, in one sentence."""
     place = ".".join(str(step) for step in fault["loc"])
     message = fault["msg"].removeprefix("Value error, ")
     got = "" if fault["type"] in ("value_error", "missing") else f", got {str(fault['input'])[:60]!r}"

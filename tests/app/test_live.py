@@ -70,7 +70,8 @@ def test_a_simulated_exosuit_is_pressed_recorded_and_replayed(
     assert "u is back at 0 N after 15 steps" in shown.err
     told = read_recording(tmp_path / "run.h5")
     assert len(told) == 15
-    assert told.true[-1].sum() > 0.1  # of a target of 0.25 N
+    assert set(told.target) == {0.25}  # half of the largest reading
+    assert told.true[-1].sum() > 0.1
     assert [row["stage"] for row in json.loads((tmp_path / "run.json").read_text())["timing"]] == [
         *("acquire", "estimate", "control", "actuate", "whole step")
     ]
@@ -90,6 +91,15 @@ def test_pictures_that_are_not_trusted_move_nothing(folder: Path, capfd: pytest.
     assert len(lines) == 22  # one before, one a step, one at the end
     assert set(lines) == {0.0}
     assert "an out-of-distribution image" in " ".join(shown.err.split())
+
+
+def test_a_target_that_is_out_of_reach_is_said_to_be(
+    folder: Path, capfd: pytest.CaptureFixture[str], known: ControllerConfig
+) -> None:
+    main(["live", "--source", str(folder), "--seconds", "0.05", "--rate", "100", "--target", "3"])
+    largest = known.loading.controlled.max()
+    words = f"F_net reads at most {largest:.3f} N within the limits, less than the target"
+    assert words in " ".join(capfd.readouterr().err.split())
 
 
 def test_a_folder_that_ends_ends_the_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

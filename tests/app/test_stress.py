@@ -35,12 +35,15 @@ def test_the_folder_holds_summary_episodes_and_figure(tmp_path: Path, capsys: py
 
 def test_a_system_file_has_episodes_of_its_own(tmp_path: Path):
     told = tmp_path / "told.json"
-    main([*SHORT, "--gains", "--system", str(THUMB), "--sensor", "F_net", "--json", str(told)])
+    main([*SHORT, "--system", str(THUMB), "--sensor", "P3", "--json", str(told)])
     found = json.loads(told.read_text())
     assert found["about"]["system"] == "thumb"
-    assert found["about"]["sensor"] == {"name": "F_net", "unit": "N"}
+    assert found["about"]["sensor"] == {"name": "P3", "unit": "N"}
     low, high = found["about"]["config"]["targets"]
     assert 0 < low < high < found["about"]["contact_limit"]
+    (gain,) = found["about"]["gains"]  # half of what the steepest part of the path asks for, not the paper's
+    assert set(found["controllers"]) == {"guarded", f"K_P = {gain:g}"}
+    assert gain != 5
     assert found["controllers"]["guarded"]["commands_outside"] == 0
 
 

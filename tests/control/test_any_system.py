@@ -96,6 +96,20 @@ def test_the_papers_law_settles_on_a_single_zone(thumb: System) -> None:
     assert record.controlled.name == "P3"
 
 
+def test_the_path_ends_where_the_controlled_sensor_reads_most(
+    thumb: System, config: ControllerConfig
+) -> None:
+    """Further up the sleeve slides off the third zone, which reads 0 where the second meets its limit."""
+    known = tune(thumb, "P3")
+    readings = known.loading.controlled
+    assert readings[-1] == readings.max() > 40 * RELEASED
+    assert known.u_max < config.u_max
+    assert known.default_target == pytest.approx(0.5 * readings[-1], rel=0.05)  # two digits
+    target = known.default_target
+    record = run_guarded(SimulatedPlant(thumb), Guarded(Scheduled(known)), true_measurement, hold(target, 20))
+    assert abs(record.true[-1] - target) <= BAND * target
+
+
 def test_limits_are_those_of_the_zones_and_give_way_to_the_option(
     thumb: System, config: ControllerConfig
 ) -> None:

@@ -4,6 +4,7 @@ import errno
 import hashlib
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -55,11 +56,21 @@ def contents(folder: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir()}
 
 
-@pytest.fixture
-def whole(tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset made without interruption."""
-    generate(CONFIG, tmp_path / "whole")
-    return tmp_path / "whole"
+    folder = tmp_path_factory.mktemp("made") / "whole"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(generation, "DESIGNS_PER_CHUNK", 4)
+        patch.setattr(generation, "simulate_designs", simulated)
+        generate(CONFIG, folder)
+    return folder
+
+
+@pytest.fixture
+def whole(made: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be damaged."""
+    return Path(shutil.copytree(made, tmp_path / "whole"))
 
 
 def made_numbers(monkeypatch: pytest.MonkeyPatch) -> list[int]:

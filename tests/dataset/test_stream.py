@@ -21,7 +21,10 @@ from exosight.system.camera import Camera
 
 from .conftest import made_up
 
-CONFIG = GenerateConfig(frames=3, seed=0, camera=Camera(metres_per_pixel=0.0044, width=32, height=24))
+# Stiffer than silicone, so that nothing snaps: a tenth of the solver's steps.
+CONFIG = GenerateConfig(
+    frames=3, seed=0, young=1e6, camera=Camera(metres_per_pixel=0.0044, width=32, height=24)
+)
 SET = design_set(CONFIG, None)
 
 

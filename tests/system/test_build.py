@@ -65,10 +65,13 @@ def test_a_pressure_with_its_gain_is_the_force_that_it_makes(system: Make) -> No
     np.testing.assert_allclose(found.observation.readings, force.observation.readings, atol=1e-12)
 
 
-def test_a_torque_turns_its_joint_by_its_spring(system: Make) -> None:
+@pytest.mark.parametrize(("joint", "coordinate"), [("revolute", 0), ("universal", 1), ("spherical", 2)])
+def test_a_torque_turns_its_joint_by_its_spring(joint: str, coordinate: int, system: Make) -> None:
     torque = system(
-        ('"pressure_line"\nbody = "soft"', '"joint_torque"\nbody = "tip"'),
+        ('"pressure_line"\nbody = "soft"', f'"joint_torque"\nbody = "tip"\ncoordinate = {coordinate}'),
         (RANGE, 'range = ["-9 mN m", "9 mN m"]'),
+        ('"revolute", stiffness = "0.03', f'"{joint}", stiffness = "0.03'),
+        ('"joint_angle"\nbody = "tip"', f'"joint_angle"\nbody = "tip"\ncoordinate = {coordinate}'),
     )
     assert torque.schema.channels[0].unit == "N m"
     found = simulate_system(torque, np.array([[0.006]]))

@@ -70,8 +70,8 @@ def run_targets(
     """
     if not (targets and gains):
         known = tune(system, sensor, channel)
-        targets = targets or (0.5 * float(known.loading.controlled.max()),)
-        gains = gains or (known.smallest_gain,)
+        targets = targets or (known.default_target,)
+        gains = gains or (known.default_gain,)
     plant = SimulatedPlant(system)
     found: list[Trial] = []
     with progress("closed loop", "trials") as update:

@@ -159,6 +159,16 @@ class ControllerConfig:
         """A small command: 1/80 of the channel's peak [its unit]."""
         return abs(self.driven.peak) / 80
 
+    @property
+    def default_target(self) -> float:
+        """Half of the largest reading of the controlled sensor [its unit], to two digits."""
+        return float(f"{0.5 * self.loading.controlled.max():.2g}")
+
+    @property
+    def default_gain(self) -> float:
+        """K_P of a proportional law [u per the sensor's unit]: the smallest gain, to two digits."""
+        return float(f"{self.smallest_gain:.2g}")
+
     def sum(self, outputs: Float[np.ndarray, " outputs"]) -> float:
         """The controlled sensor as it follows from the estimated ones [its unit]."""
         return float((outputs * self.weights).sum())

@@ -1,7 +1,8 @@
 """The controller's knowledge of one's own plant, from one path of its simulation up and down (needs JAX).
 
 1. Solve the system from rest up, in steps of 1/160 of the channel's peak, to the first command at which an
-   estimated sensor reads more than it may: the command before is u_max.
+   estimated sensor reads more than it may. Before it, the controlled sensor reads most at u_max: beyond, more
+   u would mean less.
 2. Solve from there down to u_min, below 0, where the pose must have let go.
 3. The controlled sensor on both is the schedule; its jumps are those that `drive` tells.
 4. Δu per change of the sensor is bounded by the slopes in contact: above by the flattest tenth of them, below
@@ -81,11 +82,14 @@ def tune(
     rising = _grid(driven, driven.high)
     up, q = _force_path(system, sensor, driven, rising)
     over = (up.outputs > limits).any(axis=1)
-    last = int(np.argmax(over)) - 1 if over.any() else len(rising) - 1
+    allowed = int(np.argmax(over)) if over.any() else len(rising)
+    last = int(np.argmax(up.controlled[:allowed])) if allowed else 0
     if last < 1 or up.controlled[last] < RELEASED:
+        end = "a sensor passes its limit" if over.any() else "its range ends"
         raise InputError(
-            f"tune: {sensor} stays below {RELEASED:g} {schema.sensor(sensor).unit} until a sensor passes its "
-            f"limit or {driven.name} its range; allow more, or change the system"
+            f"tune: {sensor} stays below {RELEASED:g} {schema.sensor(sensor).unit} while {driven.name} rises "
+            f"to {rising[max(allowed - 1, 0)]:g} {driven.unit}, where {end}; choose another sensor or "
+            "channel, or allow more"
         )
     loading = ForcePath(*(x[: last + 1] for x in (up.u, up.outputs, up.controlled, up.snapped)))
     falling = np.concatenate([rising[last:0:-1], _grid(driven, -pull)])

@@ -24,7 +24,11 @@ def find_system(name: str) -> DesignSet:
     if name == NAME:
         return PublishedDesigns()
     if name.endswith(".toml") or "/" in name:
-        return FileDesigns(read_system_file(Path(name)))
+        values = read_system_file(Path(name))
+        try:
+            return FileDesigns(values)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
     raise InputError(
         f"system: expected {', '.join(PRESETS)} or a file *.toml, got {name!r}; see exosight system list"
     )

@@ -12,20 +12,7 @@ from exosight.system.designs import FileDesigns
 from exosight.system.file import describe
 from exosight.system.schema import Schema
 from exosight.system.system import System
-from exosight.system.units import (
-    ACCELERATION,
-    ANGLE,
-    DENSITY,
-    FORCE,
-    LENGTH,
-    MASS,
-    MODULUS,
-    ROTARY_STIFFNESS,
-    STIFFNESS,
-    split_quantity,
-)
-
-_KINDS = (LENGTH, ANGLE, MODULUS, DENSITY, MASS, FORCE, STIFFNESS, ROTARY_STIFFNESS, ACCELERATION)
+from exosight.system.units import KINDS, split_quantity
 
 
 @dataclass(frozen=True)
@@ -188,7 +175,7 @@ def _in_unit(value: str | float, unit: str) -> float:
     number, given = split_quantity(value, f"1 {unit}")
     if given == unit:
         return number
-    for kind in _KINDS:
+    for kind in KINDS:
         if given in kind.units and unit in kind.units:
             return number * kind.units[given] / kind.units[unit]
     raise ValueError(f"expected a value in {unit}, got {str(value)[:40]!r}")

@@ -5,8 +5,18 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from exosight.errors import InputError
-from exosight.mechanics import Circular, Fixed, Gauss, Link, NodalQuadratic, Revolute, Rod, Universal
-from exosight.mechanics.joint import Joint
+from exosight.mechanics import (
+    Circular,
+    Fixed,
+    Gauss,
+    Link,
+    NodalQuadratic,
+    Revolute,
+    Rod,
+    Spherical,
+    Universal,
+)
+from exosight.mechanics.joint import Joint, Springs
 from exosight.mechanics.tree import Body
 from exosight.system.description import (
     JOINT_COORDINATES,
@@ -117,9 +127,12 @@ def _joint(table: JointTable) -> Joint:
         return Fixed()
     limits = (-np.inf, np.inf) if table.range is None else table.range
     held = 0.0 if table.range is None else table.limit_stiffness
+    springs = Springs(stiffness=table.stiffness, limits=limits, limit_stiffness=held)
     if table.type == "universal":
-        return Universal(stiffness=table.stiffness, limits=limits, limit_stiffness=held)
-    return Revolute(_AXES[table.axis], stiffness=table.stiffness, limits=limits, limit_stiffness=held)
+        return Universal(**springs)
+    if table.type == "spherical":
+        return Spherical(**springs)
+    return Revolute(_AXES[table.axis], **springs)
 
 
 def check_joint(description: Description, body: str, coordinate: int) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import fields
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 from pydantic.dataclasses import dataclass
 
 from exosight.system.camera import LARGEST_SIDE
@@ -38,7 +38,7 @@ Rotation = tuple[Angle, Angle, Angle]
 Unit01 = Annotated[float, Field(ge=0, le=1)]
 Sphere = Annotated[int, Field(ge=0, le=100_000)]
 ORIGIN = (0.0, 0.0, 0.0)
-JOINT_COORDINATES = {"fixed": 0, "revolute": 1, "universal": 2}
+JOINT_COORDINATES = {"fixed": 0, "revolute": 1, "universal": 2, "spherical": 3}
 """Types of joints, and how many coordinates each has."""
 
 
@@ -78,15 +78,18 @@ class RadiusProfile:
         if len(given) != 1:
             raise ValueError(f"expected one of formula, values and csv, got {' and '.join(given) or 'none'}")
         if self.x is not None and (self.values is None or len(self.x) != len(self.values)):
-            raise ValueError("x: expected one place for each of the values")
+            raise ValueError(
+                f"x: expected one place for each of the values, got {len(self.x)} places and "
+                f"{len(self.values or ())} values"
+            )
 
 
 @dataclass(frozen=True, config=CONFIG)
 class JointTable:
     """How a link moves against its parent."""
 
-    type: Literal["revolute", "universal", "fixed"]
-    """revolute: one hinge; universal: two, about y and then z"""
+    type: Literal["revolute", "universal", "spherical", "fixed"]
+    """revolute: one hinge; universal: two, about y and then z; spherical: a rotation vector about x, y, z"""
     axis: Literal["x", "y", "z"] = "y"
     """of a revolute joint, in the parent's frame; a positive angle about y turns x towards −z"""
     stiffness: RotaryStiffness = 0.0
@@ -96,7 +99,9 @@ class JointTable:
 
     def __post_init__(self) -> None:
         springs = ("stiffness", "range", "limit_stiffness")
-        _refuse_unused(self, {"revolute": ("axis", *springs), "universal": springs, "fixed": ()})
+        _refuse_unused(
+            self, {"revolute": ("axis", *springs), "universal": springs, "spherical": springs, "fixed": ()}
+        )
         if self.range is not None and not self.range[0] < self.range[1]:
             raise ValueError("range: expected the lower angle first")
         if self.range is not None and self.limit_stiffness == 0:
@@ -121,12 +126,22 @@ class LinkTable:
     """at its middle"""
 
 
+def _kind_of_radius(radius: Any) -> str:
+    return "[table]" if isinstance(radius, dict | RadiusProfile) else "[length]"
+
+
+Radius = Annotated[
+    Annotated[RadiusProfile, Tag("[table]")] | Annotated[Length, Tag("[length]")],
+    Discriminator(_kind_of_radius),
+]
+
+
 @dataclass(frozen=True, config=CONFIG)
 class RodTable:
     """A soft rod along its own x axis."""
 
     length: Length
-    radius: RadiusProfile | Length
+    radius: Radius
     young: Modulus
     poisson: Annotated[float, Field(gt=-1, le=0.5)] = 0.5
     density: Density = 0.0
@@ -192,7 +207,7 @@ class ActuatorTable:
     """of a line around its rod, from base to tip"""
     offset: Length | None = None
     """of a line from its rod's axis; without: on the rod's surface"""
-    coordinate: Annotated[int, Field(ge=0, le=1)] = 0
+    coordinate: Annotated[int, Field(ge=0, le=2)] = 0
     """which coordinate of the joint is turned"""
 
     def __post_init__(self) -> None:
@@ -211,7 +226,7 @@ class SensorTable:
     """of a contact force: the zone, as numbers of spheres on that surface"""
     body: Name | None = None
     """of a joint angle: the link behind the joint; of a contact force: all spheres on it are the zone"""
-    coordinate: Annotated[int, Field(ge=0, le=1)] = 0
+    coordinate: Annotated[int, Field(ge=0, le=2)] = 0
     """of a joint angle: which coordinate of the joint"""
     parts: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)] | None = None
     """of a net force: the sensors that it sums"""
@@ -258,6 +273,18 @@ class VaryTable:
     low: Limit
     high: Limit
 
+
+TABLES: Mapping[str, type] = {
+    "rods": RodTable,
+    "links": LinkTable,
+    "surfaces": SurfaceTable,
+    "contacts": ContactTable,
+    "actuators": ActuatorTable,
+    "sensors": SensorTable,
+    "cameras": CameraTable,
+    "vary": VaryTable,
+}
+"""Of a system file, by the entry that they stand under."""
 
 Rods = Annotated[dict[Name, RodTable], Field(max_length=256)]
 Links = Annotated[dict[Name, LinkTable], Field(max_length=256)]

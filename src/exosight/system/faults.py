@@ -1,26 +1,31 @@
 """One sentence for what is wrong in a system file, beginning with its place there."""
 
+import difflib
 import re
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from exosight.errors import InputError
-from exosight.validation import first_fault
+from exosight.system.description import TABLES, Description, JointTable, RadiusProfile
+from exosight.system.units import si_unit
+from exosight.validation import fault_sentence
 
 Made = TypeVar("Made")
 
 _PLACE = re.compile(r"\w+(\.\w+)*: ")
 
 _WORDS = (
-    ("Unexpected keyword argument", "there is no such entry"),
-    ("Extra inputs are not permitted", "there is no such entry"),
     ("Field required", "expected a value, got none"),
     ("Input should be", "expected"),
     ("Tuple should have", "expected"),
     ("Dictionary should have", "expected"),
     ("String should have", "expected"),
+    ("greater than or equal to", "at least"),
+    ("less than or equal to", "at most"),
+    ("greater than", "more than"),
     ("a valid dictionary", "a table"),
     ("a dictionary or an instance of", "a table for"),
     ("a valid tuple", "a list"),
@@ -34,6 +39,10 @@ _WORDS = (
     ),
 )
 """pydantic's words → ours."""
+
+_UNKNOWN = ("unexpected_keyword_argument", "extra_forbidden")
+_TAGS = re.compile(r"\.\[\w+\]| after validation, not \d+")
+"""Of places: whether a key is meant, or which of several kinds of value."""
 
 
 def at_place(place: str, make: Callable[..., Made], *arguments: object) -> Made:
@@ -51,11 +60,46 @@ def at_place(place: str, make: Callable[..., Made], *arguments: object) -> Made:
 
 
 def sentence(error: ValidationError) -> str:
-    """The first fault that pydantic found, in words for a file's author, on one line."""
-    text = " ".join(first_fault(error).split())
-    for theirs, ours in _WORDS:
-        text = text.replace(theirs, ours)
-    return printable(text.replace(".[key]", ""))
+    """The first fault that pydantic found, in words for a file's author, on one line.
+
+    An entry that is not known comes first: where one is misspelt, another one is missing.
+    """
+    faults = error.errors(include_url=False)
+    fault = next((each for each in faults if each["type"] in _UNKNOWN), faults[0])
+    place = tuple(str(step) for step in fault["loc"])
+    if fault["type"] in _UNKNOWN:
+        text = _unknown_entry(place)
+    elif fault["type"] == "missing" and place[0] in TABLES and len(place) == 1:
+        text = f"{place[0]}: expected at least one table [{place[0]}.NAME], got none"
+    else:
+        text = " ".join(fault_sentence(_with_unit(fault)).split())
+        for theirs, ours in _WORDS:
+            text = text.replace(theirs, ours)
+    return printable(_TAGS.sub("", text))
+
+
+def _with_unit(fault: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The fault with the SI unit behind the limit that a quantity passes."""
+    limited = {"greater_than", "greater_than_equal", "less_than_equal"}
+    unit = si_unit(fault["input"]) if fault["type"] in limited else ""
+    return {**fault, "msg": f"{fault['msg']} {unit}"} if unit else fault
+
+
+def _unknown_entry(place: tuple[str, ...]) -> str:
+    """The sentence for an entry that its table does not have, with the one that may be meant."""
+    *outside, name = place
+    if not outside:
+        table: type = Description
+    elif outside[-1] == "joint":
+        table = JointTable
+    elif outside[-1] == "[table]":
+        table = RadiusProfile
+    else:
+        table = TABLES[outside[0]]
+    known = [field.name for field in fields(table)]
+    close = difflib.get_close_matches(name, known, 1)
+    hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}"
+    return f"{'.'.join(place)[:200]}: there is no such entry; {hint}"
 
 
 def printable(text: str) -> str:

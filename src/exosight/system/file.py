@@ -21,6 +21,8 @@ MOST_DOTS = 1000
 
 Values = dict[str, Any]
 
+_START = "; exosight system new makes a file to start from"
+
 _ADAPTER = TypeAdapter(Description)
 
 
@@ -30,7 +32,7 @@ def read_system_file(path: Path) -> Values:
     Raises DataError for a file that is missing, too large, no text or no TOML; InputError, with the place in
     the file, for entries that no system can be built of.
     """
-    text = _read_text(path)
+    text = _read_text(path, _START)
     dotted = next((n for n, line in enumerate(text.split("\n"), 1) if line.count(".") > MOST_DOTS), None)
     if dotted is not None:
         raise DataError(f"{path}: more than {MOST_DOTS} dots at line {dotted}; break long lists into lines")
@@ -40,6 +42,8 @@ def read_system_file(path: Path) -> Values:
         raise DataError(f"{path}: not TOML (nested too deeply)") from None
     except ValueError as error:  # a number of more than 4300 digits is none that tomllib catches
         raise DataError(f"{path}: not TOML ({printable(str(error))})") from None
+    if not values:
+        raise DataError(f"{path}: it has no entries{_START}")
     _check_plain(path, values)
     for name, rod in _tables(values, "rods"):
         radius = rod.get("radius")
@@ -86,19 +90,19 @@ def _inside(at: Any, step: str, entry: str) -> Any:
     raise InputError(f"{entry}: there is no such entry in the file; write it there first")
 
 
-def _read_text(path: Path) -> str:
+def _read_text(path: Path, remedy: str = "") -> str:
     try:
         if not path.exists():
-            raise DataError(f"{path}: no such file; exosight system new makes one to start from")
+            raise DataError(f"{path}: no such file{remedy}")
         if not path.is_file():
-            raise DataError(f"{path}: no file but a folder, a device or a pipe; expected a system file")
+            raise DataError(f"{path}: no file but a folder, a device or a pipe")
         with path.open("rb") as file:
             content = file.read(LARGEST_FILE + 1)
         if len(content) > LARGEST_FILE:
-            raise DataError(f"{path}: more than {LARGEST_FILE >> 10} KiB; expected a system file")
+            raise DataError(f"{path}: more than {LARGEST_FILE >> 10} KiB")
         return content.decode("utf-8-sig")  # Windows' editors and spreadsheets begin with a mark
     except UnicodeDecodeError:
-        raise DataError(f"{path}: not UTF-8 text; expected a system file in TOML") from None
+        raise DataError(f"{path}: not UTF-8 text") from None
     except DataError:
         raise
     except (OSError, ValueError) as error:
@@ -132,6 +136,7 @@ def _tables(values: Values, kind: str) -> list[tuple[str, Values]]:
 
 def _read_profile(path: Path, place: str, name: str) -> tuple[list[float], list[float]]:
     """Places and radii of a CSV file beside the system file; a first row of words is a heading."""
+    where = f"{path}: {place}: {printable(name)}"
     folder = path.parent.resolve()
     try:
         inside = "\0" not in name and (folder / name).resolve().is_relative_to(folder)
@@ -142,29 +147,30 @@ def _read_profile(path: Path, place: str, name: str) -> tuple[list[float], list[
             f"{path}: {place}: expected the name of a file in the system file's folder, got "
             f"{printable(name)!r}"
         )
-    source = path.parent / name
     try:
-        rows = list(csv.reader(_read_text(source).splitlines()))
+        rows = list(csv.reader(_read_text(path.parent / name).splitlines()))
     except csv.Error as error:
-        raise DataError(f"{source}: not CSV ({error})") from None
+        raise DataError(f"{where}: not CSV ({error})") from None
+    except DataError as error:
+        raise DataError(f"{path}: {place}: {error}") from None
     points: list[tuple[float, float]] = []
     for number, row in enumerate(rows, 1):
         if not row or (number == 1 and not any(map(_is_number, row))):
             continue
         if len(row) != 2 or not all(map(_is_number, row)):
             raise InputError(
-                f"{source}, row {number}: expected X and radius, two finite numbers, "
+                f"{where}, row {number}: expected X and radius, two finite numbers with a comma between, "
                 f"got {printable(','.join(row)[:40])!r}"
             )
         x, radius = float(row[0]), float(row[1])
         if not (0 <= x <= 1 and radius > 0 and (x > points[-1][0] if points else x == 0)):
             raise InputError(
-                f"{source}, row {number}: expected X that rises from 0 to 1 and a radius above 0, got {x:g} "
+                f"{where}, row {number}: expected X that rises from 0 to 1 and a radius above 0, got {x:g} "
                 f"and {radius:g}"
             )
         points.append((x, radius))
     if len(points) < 2 or points[-1][0] != 1:
-        raise InputError(f"{source}: expected at least two rows, the last one at X = 1, got {len(points)}")
+        raise InputError(f"{where}: expected at least two rows, the last one at X = 1, got {len(points)}")
     return [x for x, _ in points], [radius for _, radius in points]
 
 

@@ -129,7 +129,7 @@ def _check(node: ast.AST) -> None:
                 _check(argument)
         case _:
             raise ValueError(
-                f"expected numbers, X, pi, + - * / ** and {', '.join(_FUNCTIONS)}, got "
+                f"expected numbers, X, pi, + - * / ** (power) and {', '.join(_FUNCTIONS)}, got "
                 f"{ast.unparse(node)[:40]!r}"
             )
 

@@ -44,17 +44,30 @@ ROTARY_STIFFNESS = Kind(
 )
 ACCELERATION = Kind("an acceleration", "9.81 m/s^2", {"m/s^2": 1.0})
 
+KINDS = (LENGTH, ANGLE, MODULUS, DENSITY, MASS, FORCE, TORQUE, STIFFNESS, ROTARY_STIFFNESS, ACCELERATION)
+
 
 def split_quantity(text: Any, example: str) -> tuple[float, str]:
     """Number and unit of a text such as "45 mm"; ValueError if it is no such text, or not finite."""
     found = _NUMBER.fullmatch(text) if isinstance(text, str) and len(text) <= LARGEST_TEXT else None
     if found is None or not found[2].isprintable() or not found[2]:
         raise ValueError(f"expected a number and its unit, like {example!r}, got {str(text)[:40]!r}")
+    if found[2].startswith(","):
+        raise ValueError(f"expected a decimal point, like {example!r}, got {text!r}")
     value = float(found[1])
     if not math.isfinite(value):
         raise ValueError(f"expected a finite number, got {text!r}")
     unit = " ".join(re.sub(r"[·*]", " ", found[2]).replace("²", "^2").replace("³", "^3").split())
     return value, unit
+
+
+def si_unit(text: Any) -> str:
+    """The SI unit of the quantity that a text such as "45 mm" is; "" if it is none."""
+    try:
+        _, unit = split_quantity(text, LENGTH.example)
+    except ValueError:
+        return ""
+    return next((next(iter(kind.units)) for kind in KINDS if unit in kind.units), "")
 
 
 def to_si(kind: Kind) -> Callable[[Any], float]:

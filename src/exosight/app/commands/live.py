@@ -25,7 +25,9 @@ Pixels = Annotated[
 
 def live(
     source: Annotated[str | None, tyro.conf.arg(metavar="CAMERA|PATH", help_behavior_hint="")] = None,
-    target: Annotated[float, Field(ge=0, le=50)] = 0.25,
+    target: Annotated[
+        Annotated[float, Field(ge=0, le=50)] | None, tyro.conf.arg(help_behavior_hint="")
+    ] = None,
     seconds: Annotated[float, Field(gt=0, le=1e6)] = 20.0,
     rate: Annotated[float, Field(gt=0, le=1000)] = 10.0,
     send: Annotated[str | None, tyro.conf.arg(metavar="PLACE|-", help_behavior_hint="")] = None,
@@ -57,7 +59,7 @@ def live(
 
     Args:
         source: number of a camera, a folder of pictures or a video file
-        target: of the controlled sensor, F_net of the published system [its unit]
+        target: of the controlled sensor [its unit]; default: half of its largest reading within the limits
         seconds: for how long [s]
         rate: steps a second [Hz]
         send: write the command there, one line a step: a serial device, a named pipe, a new file, or "-" for
@@ -103,6 +105,10 @@ def live(
     driven = nominal_system(designs, _exosuit(r0, r1, length, young), network)
     say("tuning the controller on a simulation of the system")
     config = tune(driven, sensor, channel, contact_limit=contact_limit, rate=max_rate, period=1 / rate)
+    target = config.default_target if target is None else target
+    if target > (largest := float(config.loading.controlled[-1])):
+        unit = config.controlled.unit
+        say(f"{config.sensor} reads at most {largest:.3f} {unit} within the limits, less than the target")
     steps, log = max(1, round(seconds * rate)), Log(say, config)
     run = LiveRun(driven, network, model or DEFAULT_MODEL, config, [target] * steps, record)
     try:

@@ -14,13 +14,14 @@ from exosight.control.stress import StressConfig
 DEFAULT = StressConfig()
 
 Gain = Annotated[float, Field(gt=0, le=1e4)]
+Gains = Annotated[tuple[Gain, ...] | None, tyro.conf.arg(metavar="K_P …", help_behavior_hint="")]
 
 
 def stress(
     config: Annotated[StressConfig, tyro.conf.arg(name="")] = DEFAULT,
     episodes: Annotated[int, Field(ge=1, le=100_000)] = 1000,
     seed: Seed = 0,
-    gains: tuple[Gain, ...] = (5.0,),
+    gains: Gains = None,
     system: SystemName = "published",
     sensor: Name = None,
     channel: Name = None,
@@ -43,7 +44,9 @@ def stress(
         config: what may go wrong
         episodes: how many
         seed: seed of all that is drawn
-        gains: K_P of the paper's law, one run each; none: the guarded controller alone
+        gains: K_P of the paper's law [channel's unit per sensor's], one run each; none: the guarded
+            controller alone; default: 5 for the published system's F_net, otherwise half of what the
+            steepest part of the path asks for
         system: name of a preset, or a system file (*.toml), whose `vary` tables are what may be wrong
             about it
         sensor: the one that follows the targets; default: the first net force
@@ -58,6 +61,7 @@ def stress(
     from exosight.exosuit.catalogue import find_system
 
     plants, look = prepare(find_system(system), model, sensor, channel)
+    gains = plants.gains if gains is None else gains
     with new_folder(out) if out is not None else nullcontext() as folder:
         outcomes = run_stress(config, episodes, seed, gains, plants, look)
         found = results(outcomes, about(config, episodes, seed, gains, model, plants))

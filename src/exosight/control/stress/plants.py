@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from exosight.control.paths import ControllerConfig
-from exosight.control.trials import CONTROL_SHAPE
+from exosight.control.trials import CONTROL_SHAPE, STEADY_STATE_GAIN
 from exosight.control.tuning import tune
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit, varied
-from exosight.exosuit.published import PublishedDesigns, published
+from exosight.exosuit.published import NAME, PublishedDesigns, published
 from exosight.exosuit.variation import PlantVariation, draw_variant
 from exosight.system.camera import Camera
 from exosight.system.design import Design
@@ -53,6 +53,12 @@ class StressPlants:
     other: Callable[[int, int], System]
     targets: Limits
     snap_targets: Limits
+
+    @property
+    def gains(self) -> tuple[float, ...]:
+        """K_P of the paper's law [channel's unit per sensor's]: the paper's, or what suits another system."""
+        paper = self.limits.schema.system == NAME and self.limits.sensor == self.limits.schema.controlled
+        return (STEADY_STATE_GAIN if paper else self.limits.default_gain,)
 
 
 def stress_plants(
