@@ -10,6 +10,7 @@
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -74,7 +75,6 @@ def tune(
     """
     schema = system.schema
     driven, sensor = schema.channel(channel), sensor or schema.controlled
-    weights = schema.weights(sensor)
     rate = default_rate(driven) if rate is None else rate
     pull = min(0.25 * driven.peak, -driven.low) if pull is None else pull
     _check_numbers(driven, contact_limit, rate, pull, period)
@@ -99,9 +99,7 @@ def tune(
             f"tune: {sensor} is not released at {driven.name} = {-pull:g} {driven.unit}; "
             "allow it a larger pull"
         )
-    slopes = np.concatenate([(path.slopes * weights).sum(axis=1) for path in (loading, unloading)])
-    slopes = slopes[slopes * driven.peak > _FLAT]  # in contact, and not falling
-    flat, steep = np.quantile(slopes, [0.1, 0.9])
+    smallest, largest = _gain_bounds((loading, unloading), schema.weights(sensor), driven.peak)
     return ControllerConfig(
         schema=schema,
         sensor=sensor,
@@ -111,8 +109,8 @@ def tune(
         output_limits=limits,
         rate=rate,
         period=period,
-        smallest_gain=float(0.5 / steep),
-        largest_gain=float(1 / flat),
+        smallest_gain=smallest,
+        largest_gain=largest,
     )
 
 
@@ -129,6 +127,13 @@ def _check_numbers(
             raise InputError(f"tune, {name}: expected a finite number above 0, got {value}")
     if not 0 <= pull <= -driven.low:
         raise InputError(f"tune, pull: expected 0…{-driven.low:g} {driven.unit}, got {pull}")
+
+
+def _gain_bounds(paths: Sequence[ForcePath], weights: np.ndarray, peak: float) -> tuple[float, float]:
+    """Smallest and largest Δu per change of the sensor."""
+    slopes = np.concatenate([(path.slopes * weights).sum(axis=1) for path in paths])
+    flat, steep = np.quantile(slopes[slopes * peak > _FLAT], [0.1, 0.9])  # in contact, and not falling
+    return float(0.5 / steep), float(1 / flat)
 
 
 def _grid(driven: Channel, end: float) -> np.ndarray:

@@ -83,20 +83,6 @@ def croissant(manifest: Manifest) -> dict[str, Any]:
         "encodingFormat": "application/x-hdf5",
         "includes": "chunk_*.h5",
     }
-    fields = []
-    for name, values in manifest.quantities.items():
-        size = " × ".join(str(n) for n in rows[name]) if name in rows else "one number"
-        fields.append(
-            {
-                "@type": "cr:Field",
-                "@id": f"frames/{name}",
-                "name": name,
-                "description": f"{values['meaning']} [{values['unit']}]; {values['type']}, {size} a frame",
-                "dataType": "sc:Float" if values["type"].startswith("float") else "sc:Integer",
-                "repeated": name in rows,
-                "source": {"fileSet": {"@id": "chunks"}, "extract": {"column": name}},
-            }
-        )
     return {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
@@ -117,9 +103,22 @@ def croissant(manifest: Manifest) -> dict[str, Any]:
                 "@id": "frames",
                 "name": "frames",
                 "description": "One record a frame: row k of every array of a chunk, chunk after chunk.",
-                "field": fields,
+                "field": [_field(name, values, rows) for name, values in manifest.quantities.items()],
             }
         ],
+    }
+
+
+def _field(name: str, values: dict[str, str], rows: dict[str, tuple[int, ...]]) -> dict[str, Any]:
+    size = " × ".join(map(str, rows[name])) if name in rows else "one number"
+    return {
+        "@type": "cr:Field",
+        "@id": f"frames/{name}",
+        "name": name,
+        "description": f"{values['meaning']} [{values['unit']}]; {values['type']}, {size} a frame",
+        "dataType": "sc:Float" if values["type"].startswith("float") else "sc:Integer",
+        "repeated": name in rows,
+        "source": {"fileSet": {"@id": "chunks"}, "extract": {"column": name}},
     }
 
 
