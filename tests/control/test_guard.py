@@ -80,7 +80,7 @@ BAD = {
     "black": lambda bench: bench.good(image=np.zeros((4, 6), np.uint8)),
     "blank": lambda bench: bench.good(image=np.full((4, 6), 200, np.uint8)),
     "no estimate": lambda bench: bench.good(reading=None),
-    "no reading": lambda bench: bench.good(reading=reading(math.nan)),
+    "an estimate that is no valid reading": lambda bench: bench.good(reading=reading(math.nan)),
     "no valid reading": lambda bench: bench.good(reading=reading(math.inf)),
     "an estimate that is no": lambda bench: bench.good(reading=reading(-1e30)),
     "out-of-distribution image": lambda bench: bench.good(reading=reading(0.3, ood_score=1.2)),

@@ -79,21 +79,9 @@ def tune(
     pull = min(0.25 * driven.peak, -driven.low) if pull is None else pull
     _check_numbers(driven, contact_limit, rate, pull, period)
     limits = default_limits(schema, contact_limit)
-    rising = _grid(driven, driven.high)
-    up, q = _force_path(system, sensor, driven, rising)
-    over = (up.outputs > limits).any(axis=1)
-    allowed = int(np.argmax(over)) if over.any() else len(rising)
-    last = int(np.argmax(up.controlled[:allowed])) if allowed else 0
-    if last < 1 or up.controlled[last] < RELEASED:
-        end = "a sensor passes its limit" if over.any() else "its range ends"
-        raise InputError(
-            f"tune: {sensor} stays below {RELEASED:g} {schema.sensor(sensor).unit} while {driven.name} rises "
-            f"to {rising[max(allowed - 1, 0)]:g} {driven.unit}, where {end}; choose another sensor or "
-            "channel, or allow more"
-        )
-    loading = ForcePath(*(x[: last + 1] for x in (up.u, up.outputs, up.controlled, up.snapped)))
-    falling = np.concatenate([rising[last:0:-1], _grid(driven, -pull)])
-    unloading, _ = _force_path(system, sensor, driven, falling, q[last])
+    loading, q = _loading(system, sensor, driven, limits)
+    falling = np.concatenate([loading.u[:0:-1], _grid(driven, -pull)])
+    unloading, _ = _force_path(system, sensor, driven, falling, q)
     if not unloading.controlled[-1] < RELEASED:
         raise InputError(
             f"tune: {sensor} is not released at {driven.name} = {-pull:g} {driven.unit}; "
@@ -127,6 +115,26 @@ def _check_numbers(
             raise InputError(f"tune, {name}: expected a finite number above 0, got {value}")
     if not 0 <= pull <= -driven.low:
         raise InputError(f"tune, pull: expected 0…{-driven.low:g} {driven.unit}, got {pull}")
+
+
+def _loading(
+    system: System, sensor: str, driven: Channel, limits: np.ndarray
+) -> tuple[ForcePath, np.ndarray]:
+    """The path up to the largest reading of the sensor within the limits, and the coordinates at its end."""
+    rising = _grid(driven, driven.high)
+    up, q = _force_path(system, sensor, driven, rising)
+    over = (up.outputs > limits).any(axis=1)
+    allowed = int(np.argmax(over)) if over.any() else len(rising)
+    last = int(np.argmax(up.controlled[:allowed])) if allowed else 0
+    if last < 1 or up.controlled[last] < RELEASED:
+        end = "a sensor passes its limit" if over.any() else "its range ends"
+        raise InputError(
+            f"tune: {sensor} stays below {RELEASED:g} {system.schema.sensor(sensor).unit} while {driven.name} rises "
+            f"to {rising[max(allowed - 1, 0)]:g} {driven.unit}, where {end}; choose another sensor or "
+            "channel, or allow more"
+        )
+    part = (x[: last + 1] for x in (up.u, up.outputs, up.controlled, up.snapped))
+    return ForcePath(*part), q[last]
 
 
 def _gain_bounds(paths: Sequence[ForcePath], weights: np.ndarray, peak: float) -> tuple[float, float]:
