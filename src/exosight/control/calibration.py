@@ -50,7 +50,7 @@ class Calibrated:
                 "calibration: expected two points or more, with estimated and true outputs of one shape"
             )
         if self.joined.shape != (count - 1,) or not self.joined.any():
-            raise InputError("calibration: expected to be told which points are joined, at least two of them")
+            raise InputError("calibration: expected which points are joined, at least two of them")
         if not (np.isfinite(self.estimated).all() and np.isfinite(self.true).all()):
             raise InputError("calibration: expected finite numbers, got one that is not")
 

@@ -1,4 +1,4 @@
-"""What a controller knows of its plant: the paths of readings up and down, and the limits it keeps."""
+"""The model of its plant that a controller has: readings along the paths up and down, and limits."""
 
 import math
 from dataclasses import dataclass
@@ -77,7 +77,7 @@ class ForcePath:
 
 @dataclass(frozen=True, eq=False)
 class ControllerConfig:
-    """All that `Scheduled` knows of a plant; `exosight.control.tuning.tune` makes one.
+    """The model of a plant that `Scheduled` uses; `exosight.control.tuning.tune` makes one.
 
     schema         of the plant
     sensor         name of the sensor that is controlled; it follows from the estimated ones

@@ -1,4 +1,4 @@
-"""The plant as a controller sees it: something to actuate and to look at."""
+"""The plant as a controller has it: commands in, observations out."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -11,7 +11,7 @@ from exosight.system.schema import Schema
 
 @dataclass(frozen=True)
 class Observation:
-    """A plant at rest under one command of each channel; a real plant answers NaN for what it cannot know.
+    """A plant at rest under one command of each channel; a real plant gives NaN for what it does not measure.
 
     schema          names and units of channels and sensors
     commands        (channels,)       of this very pose [each in its channel's unit]: the ones asked for,
@@ -45,7 +45,7 @@ class Observation:
 
 @runtime_checkable
 class Plant(Protocol):
-    """Something that can be actuated and looked at."""
+    """A system that is actuated and observed."""
 
     @property
     def schema(self) -> Schema:

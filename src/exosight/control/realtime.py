@@ -32,8 +32,8 @@ class Step:
 
     time     since the first step began [s]
     target   of the controlled sensor [its unit]
-    measurement  what the guard was shown
-    true     (outputs,)  true readings of the estimated sensors [each in its unit]; None: nobody knows
+    measurement  that the guard got
+    true     (outputs,)  true readings of the estimated sensors [each in its unit]; None: unknown
     command  that was asked for [the driven channel's unit]
     state    of the guard after it
     cause    of a change of state in this step; empty if there was none

@@ -295,7 +295,7 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
 
 
 def checksum(model: Path) -> str:
-    """SHA-256 of a network's file, by which a recording knows it."""
+    """SHA-256 of a network's file, by which a recording names it."""
     return hashlib.sha256(model.read_bytes()).hexdigest()
 
 

@@ -61,7 +61,7 @@ def run_trial(
     sensor: str | None = None,
     channel: str | None = None,
 ) -> Trial:
-    """One run of the paper's law from rest, judged on the true readings; arguments as for `run`.
+    """One run of the paper's law from rest, measured on the true readings; arguments as for `run`.
 
     target   (steps,)  one value above 0, perhaps released, as `measure_response` takes it
     """

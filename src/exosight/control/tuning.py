@@ -1,10 +1,10 @@
-"""The controller's knowledge of one's own plant, from one path of its simulation up and down (needs JAX).
+"""The controller's model of one's own plant, from one path of its simulation up and down (needs JAX).
 
 1. Solve the system from rest up, in steps of 1/160 of the channel's peak, to the first command at which an
    estimated sensor reads more than it may. Before it, the controlled sensor reads most at u_max: beyond, more
    u would mean less.
-2. Solve from there down to u_min, below 0, where the pose must have let go.
-3. The controlled sensor on both is the schedule; its jumps are those that `drive` tells.
+2. Solve from there down to u_min, below 0, where the pose must be released.
+3. The controlled sensor on both is the schedule; its jumps are those that `drive` reports.
 4. Δu per change of the sensor is bounded by the slopes in contact: above by the flattest tenth of them, below
    by half of what the steepest tenth asks for.
 """
@@ -59,7 +59,7 @@ def tune(
     pull: float | None = None,
     period: float = 1 / RATE,
 ) -> ControllerConfig:
-    """What `Scheduled` needs to know of a system to drive one channel by one sensor.
+    """The model of a system by which `Scheduled` drives one channel by one sensor.
 
     sensor         that is controlled; by default the one that the schema names
     channel        that is driven, by default the first; the others rest at 0
@@ -129,9 +129,9 @@ def _loading(
     if last < 1 or up.controlled[last] < RELEASED:
         end = "a sensor passes its limit" if over.any() else "its range ends"
         raise InputError(
-            f"tune: {sensor} stays below {RELEASED:g} {system.schema.sensor(sensor).unit} while {driven.name} rises "
-            f"to {rising[max(allowed - 1, 0)]:g} {driven.unit}, where {end}; choose another sensor or "
-            "channel, or allow more"
+            f"tune: {sensor} stays below {RELEASED:g} {system.schema.sensor(sensor).unit} while "
+            f"{driven.name} rises to {rising[max(allowed - 1, 0)]:g} {driven.unit}, where {end}; choose "
+            "another sensor or channel, or allow more"
         )
     part = (x[: last + 1] for x in (up.u, up.outputs, up.controlled, up.snapped))
     return ForcePath(*part), q[last]

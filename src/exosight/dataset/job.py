@@ -1,7 +1,7 @@
 """The folder of a dataset while it is made: whose it is, who works on it, and which of its chunks are whole.
 
 job.json          what is to be made, from the start; another configuration or version is refused
-.lock             held by the process that works on the folder; the system lets go of it when that dies
+.lock             held by the process that works on the folder; the operating system frees it when that ends
 chunk_0000.h5     frames, written whole and renamed into place
 chunk_0000.json   the record of the chunk with its checksum, written after it
 """
@@ -76,7 +76,7 @@ _JOB, _RECORD = TypeAdapter(GenerationJob), TypeAdapter(ChunkRecord)
 
 
 def identity(job: GenerationJob) -> str:
-    """What tells one job from another: the checksum of all that decides what its chunks hold."""
+    """Identifies a job: the checksum of all that decides what its chunks hold."""
     return hashlib.sha256(_to_text(_JOB, job)).hexdigest()
 
 

@@ -122,7 +122,7 @@ def new_manifest(**entries: Any) -> Manifest:
 
 
 def dataset_identity(manifest: Manifest) -> dict[str, Any]:
-    """What tells one dataset from another, as JSON values: what it was made from, and how many frames remain.
+    """Identifies a dataset, as JSON values: what it was made from, and how many frames remain.
 
     Not the checksums of its files: those change with the processor and the libraries that made them.
     """

@@ -106,7 +106,7 @@ def first_cause(
 ) -> Int8[np.ndarray, "designs frames"]:
     """Why each frame is dropped: index of the first of `causes` that holds, or their number if none does.
 
-    system   any of the observed ones: it tells which tubes are drawn along rods
+    system   any of the observed ones: for which tubes are drawn along rods
     """
     crosses = np.zeros_like(converged)
     for name in _along_rods(system):

@@ -1,4 +1,4 @@
-"""The grip as Gymnasium knows environments: one, or many solved together."""
+"""The grip as Gymnasium environments: one, or many solved together."""
 
 from collections.abc import Sequence
 from typing import Any

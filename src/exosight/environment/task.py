@@ -1,4 +1,4 @@
-"""What is asked of an agent: bring a sensor F to a target F_t, without pressing too hard anywhere.
+"""The task of an agent: bring a sensor F to a target F_t, without pressing too hard anywhere.
 
 Ten times a second the agent changes the command of every channel by a share a of what it can do in a step,
 
@@ -43,7 +43,7 @@ Newtons = Annotated[float, Field(gt=0, le=LARGEST_FORCE)]
 
 @configuration(frozen=True, config=ConfigDict(extra="forbid"))
 class GripConfig:
-    """What an agent sees, what it may do, what it is asked for."""
+    """Observations, actions and targets of an agent."""
 
     observation: Literal["state", "image", "mixed"] = "state"
     """Readings and commands; the picture and commands; or both. The target is always part of it."""
@@ -129,7 +129,7 @@ def command_ranges(schema: Schema, config: GripConfig) -> tuple[Commands, Comman
 
 
 def observation_space(schema: Schema, config: GripConfig, camera: Camera) -> spaces.Space:
-    """What one agent sees.
+    """Observations of one agent.
 
     state   (1 + channels + outputs,)  target F_t, commands, and true readings of the estimated sensors
     command (1 + channels,)            target F_t and commands: what is known without a sensor
@@ -234,7 +234,7 @@ class Grips:
         return {"image": image, "state": state}
 
     def pictures(self) -> UInt8[np.ndarray, "grips height width"]:
-        """What the camera sees."""
+        """Images of the camera."""
         return self._plant.pictures(self.camera)
 
     @property

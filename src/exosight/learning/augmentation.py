@@ -1,4 +1,4 @@
-"""What training images go through, so that a network does not mind it: moved, faded, noisy.
+"""Augmentation of training images, for invariance to position, contrast and noise.
 
 The moves, grays and noise of a step follow from seed, epoch and step alone, so that a resumed run sees the
 same images.

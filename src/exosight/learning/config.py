@@ -82,7 +82,7 @@ def resolve(
 ) -> Settings:
     """Spell out the defaults.
 
-    device, precision   what `auto` means on this machine, which only PyTorch can tell
+    device, precision   what `auto` means on this machine, as PyTorch reports
     local_size          processes that share the cores of this machine, itself included
     pretrained          SHA-256 of the network to start from, if there is one
 

@@ -97,7 +97,7 @@ def seal(model: bytes) -> bytes:
 
 
 def sealed(data: bytes) -> str:
-    """The SHA-256 at the end of a sealed model: tells it from all others."""
+    """The SHA-256 at the end of a sealed model: identifies it."""
     return data[-64:].decode()
 
 

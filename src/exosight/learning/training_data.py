@@ -135,9 +135,9 @@ def _check_rows(name: str, values: np.ndarray | None, shape: tuple[int, int]) ->
 def stacks(
     previous: Integer[np.ndarray, " frames"] | None, history: int, frames: int
 ) -> Int64[np.ndarray, "frames stack"]:
-    """The images that a network sees of each frame, by number: its own, then those before it, newest first.
+    """The images that are inputs for each frame, by number: its own, then those before it, newest first.
 
-    previous   the frame before each; its own number where there is none, which is then seen again instead
+    previous   the frame before each; its own number where there is none, which then stands in its place
     """
     rows = [np.arange(frames)]
     if previous is not None:

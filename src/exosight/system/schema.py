@@ -1,4 +1,4 @@
-"""What a system tells the programs that work with it: its load channels, its sensors, its cameras.
+"""The interface of a system: its load channels, its sensors, its cameras.
 
 The schema travels: it stands in the manifest of a dataset, the card of a network, a recording and a report,
 and is compared wherever two of them meet. Usable without JAX.

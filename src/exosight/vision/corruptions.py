@@ -48,7 +48,7 @@ def corrupt(
     """One of the paper's CORRUPTIONS, by name.
 
     The noise on a frame depends on its size, the seed and its number alone, so a set that is corrupted in
-    batches, each told the number of its `first` frame, comes out as it does in one call. It repeats
+    batches, each with the number of its `first` frame, comes out as it does in one call. It repeats
     exactly on any machine with the same release of NumPy.
 
     images   (frames, height, width)  gray 0…255

@@ -16,7 +16,7 @@ from exosight.system.system import System
 
 @dataclass(frozen=True)
 class Burst:
-    """A spell in which pictures are spoilt.
+    """An interval in which images are corrupted.
 
     first, last  steps, the last one included
     hidden       share of the picture that an object covers; 0: noise instead
@@ -33,7 +33,7 @@ class Burst:
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """All that an episode holds in store, a row a step of 0.1 s.
+    """All that happens in an episode, a row a step of 0.1 s.
 
     kind       of target
     system     the one that is driven

@@ -25,7 +25,7 @@ _ROUND_OFF = 1e-9  # of sums of commands, as a share of the channel's peak
 
 @dataclass(frozen=True)
 class Measured:
-    """One episode, judged on the true force. NaN: does not apply, or never happened."""
+    """One episode, measured on the true force. NaN: does not apply, or never happened."""
 
     kind: str
     """of target"""
