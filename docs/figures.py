@@ -19,13 +19,14 @@ from exosight.evaluation.figures.style import (
     styled,
 )
 from exosight.evaluation.published import CONTACTS_PUBLISHED
-from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, Pose, assemble, varied
+from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble, varied
 from exosight.exosuit.published import EXOSUIT_SHADE, FINGER_SHADE, published
 from exosight.exosuit.shapes import radius
 from exosight.exosuit.simulation import simulate
 from exosight.exosuit.variation import Variant
 from exosight.mechanics import Motion, walk
 from exosight.system.camera import Camera, project
+from exosight.system.observation import Observation
 from exosight.vision import (
     TRAINING,
     Appearance,
@@ -53,8 +54,8 @@ def overview() -> Figure:
     """The system, a camera image, its contact forces, and images along the path."""
     exosuit = Exosuit(CONTROL_SHAPE)
     found = simulate(exosuit, LOADS)
-    seen = picture(published(exosuit), found.pose.axes)
-    one = jax.tree.map(lambda leaf: leaf[SHOWN : SHOWN + 1], found.pose)
+    seen = picture(published(exosuit), found.observation.axes)
+    one = jax.tree.map(lambda leaf: leaf[SHOWN : SHOWN + 1], found.observation)
 
     figure = new_figure(height=4.4, width=8.0)
     top, bottom = figure.subfigures(2, 1, height_ratios=(2.6, 1.7))
@@ -65,9 +66,9 @@ def overview() -> Figure:
     show_image(camera, seen[SHOWN])
     camera.set_title("2. Camera image")
     camera.set_xlabel("128 × 128 pixels, gray")
-    _draw_forces(forces, np.asarray(one.forces[0]))
+    _draw_forces(forces, found.reading(*CONTACTS)[SHOWN])
 
-    for ax, image, u, force in zip(bottom.subplots(1, 6), seen, LOADS, found.pose.net_force, strict=True):
+    for ax, image, u, force in zip(bottom.subplots(1, 6), seen, LOADS, found.reading("F_net"), strict=True):
         show_image(ax, image)
         ax.set_title(f"u = {u:.1f} N")
         ax.set_xlabel(f"F_net = {force:.2f} N", color=TRUE)
@@ -78,14 +79,14 @@ def _draw_system(
     ax: Axes,
     exosuit: Exosuit,
     q: Float[np.ndarray, " dofs"],
-    pose: Pose,
+    observed: Observation,
     image: UInt8[np.ndarray, "height width"],
 ) -> None:
     """The rendered bodies with contacts, contact forces and the line of actuation over them; one pose."""
     motion = walk(assemble(exosuit), q)
     show_image(ax, image)
     ax.plot(*_pixels(_line(exosuit, motion)).T, color=VERMILION, linewidth=2)
-    centres, pushes = np.asarray(pose.spheres[0]), np.asarray(pose.pushes[0])
+    centres, pushes = observed.places[0], observed.forces[0]
     contacts = zip(centres, exosuit.finger.sphere_radii(), pushes, strict=True)
     for i, (centre, size, force) in enumerate(contacts):
         ax.plot(*_pixels(centre), "o", color=BLACK, markersize=2.5)
@@ -136,10 +137,10 @@ def _pixels(points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 
     return project(NEAR, points) - 0.5  # Matplotlib counts from the centre of the first pixel
 
 
-def _draw_forces(ax: Axes, forces: Float[np.ndarray, " 8"]) -> None:
+def _draw_forces(ax: Axes, forces: Float[np.ndarray, " 7"]) -> None:
     place = np.arange(len(CONTACTS))
-    bars = ax.barh(place, forces[1:], height=0.6, color=TRUE)
-    ax.bar_label(bars, [f"{f:.3f}" if f > 0 else "0" for f in forces[1:]], padding=3, fontsize=7)
+    bars = ax.barh(place, forces, height=0.6, color=TRUE)
+    ax.bar_label(bars, [f"{f:.3f}" if f > 0 else "0" for f in forces], padding=3, fontsize=7)
     ax.set(yticks=place, yticklabels=CONTACTS, xlabel="contact force [N]", xlim=(0, 0.19))
     ax.invert_yaxis()
     ax.tick_params(axis="y", length=0)
@@ -178,12 +179,13 @@ def _varied_plants(exosuit: Exosuit) -> Panels:
     }
     worn = {name: varied(exosuit, variant) for name, variant in variants.items()}
     return [
-        (name, picture(published(each), simulate(each, [2.4]).pose.axes)[0]) for name, each in worn.items()
+        (name, picture(published(each), simulate(each, [2.4]).observation.axes)[0])
+        for name, each in worn.items()
     ]
 
 
 def _lit(exosuit: Exosuit) -> Panels:
-    pose = simulate(exosuit, [2.4]).pose
+    axes = simulate(exosuit, [2.4]).observation.axes
 
     def lit(
         lamp: tuple[float, float, float] = LAMP,
@@ -192,7 +194,7 @@ def _lit(exosuit: Exosuit) -> Panels:
         rod: float = EXOSUIT_SHADE,
     ) -> UInt8[np.ndarray, "height width"]:
         light = Light(np.array([lamp]), np.array([ambient]))
-        return picture(published(exosuit), pose.axes, Lighting(np.array([[finger, rod]]), light))[0]
+        return picture(published(exosuit), axes, Lighting(np.array([[finger, rod]]), light))[0]
 
     return [
         ("lamp from the left", lit(lamp=(-0.8, 0.0, 0.6))),
@@ -205,8 +207,8 @@ def _lit(exosuit: Exosuit) -> Panels:
 
 
 def _varied_pictures(exosuit: Exosuit) -> dict[str, Panels]:
-    pose = simulate(exosuit, [2.4]).pose
-    one, covered = (see(published(exosuit), pose.axes) for see in (picture, cover))
+    axes = simulate(exosuit, [2.4]).observation.axes
+    one, covered = (see(published(exosuit), axes) for see in (picture, cover))
 
     def with_(**change: float) -> UInt8[np.ndarray, "height width"]:
         return augment(one, Appearance.neutral(1, **change), covered)[0]

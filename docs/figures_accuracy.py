@@ -18,7 +18,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 from _parts.pages import fill, save, table_of
 from matplotlib.figure import Figure
@@ -27,9 +26,9 @@ from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.evaluation.figures.style import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, styled
 from exosight.evaluation.published import CONTACTS_PUBLISHED
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import published
 from exosight.exosuit.shapes import FAMILIES, ExosuitShape, Linear
 from exosight.exosuit.simulation import simulate
-from exosight.system.camera import Camera
 from exosight.vision.scene import picture as seen
 
 CONTACTS = tuple(contact.name for contact in CONTACTS_PUBLISHED)
@@ -266,9 +265,9 @@ def shares() -> Figure:
     """C6, C7 and their sum while u rises, one exosuit: true, and estimated by the shipped network."""
     u = np.arange(0.0, 3.001, 0.05)
     exosuit = Exosuit(SHARES_SHAPE)
-    pose = jax.tree.map(np.asarray, simulate(exosuit, u).pose)
-    true = 1e3 * pose.forces[:, 1:]
-    read = 1e3 * OnnxEstimator.load(DEFAULT_MODEL).estimate(seen(exosuit, pose, Camera()))
+    found = simulate(exosuit, u)
+    true = 1e3 * found.reading(*CONTACTS)
+    read = 1e3 * OnnxEstimator.load(DEFAULT_MODEL).estimate(seen(published(exosuit), found.observation.axes))
     figure = new_figure(height=2.6, width=7.2)
     panels = figure.subplots(1, 3, sharey=True)
     for axes, name, places in zip(panels, ("C6", "C7", "C6 + C7"), ([5], [6], [5, 6]), strict=True):

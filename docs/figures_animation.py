@@ -18,10 +18,12 @@ from exosight.control import CONTROL_SHAPE, OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.evaluation.figures.style import BLACK, ESTIMATED, GRAY, TRUE, new_figure, show_image, styled
 from exosight.evaluation.published import CONTACTS_PUBLISHED
-from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
+from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.published import published
-from exosight.mechanics import drive, stack
+from exosight.mechanics import drive
 from exosight.system.camera import Camera, project
+from exosight.system.observation import Observation, observe
+from exosight.system.system import System, stack_systems
 from exosight.vision.scene import picture
 
 CONTACTS = tuple(contact.name for contact in CONTACTS_PUBLISHED)
@@ -39,17 +41,14 @@ COLOURS = 48  # of the palette: grays, two colours and their edges
 Forces = Float[np.ndarray, "frames 7"]
 
 
-def simulated() -> tuple[Exosuit, np.ndarray, Pose]:
-    """The exosuit, u, and its poses with u rising and falling."""
-    exosuit = Exosuit(CONTROL_SHAPE)
+def simulated(system: System) -> tuple[np.ndarray, Observation]:
+    """u, and the system's readings and positions with u rising and falling."""
     up = np.arange(0.0, TOP + STEP / 2, STEP)
     u = np.concatenate([up, up[-2::-1]])
-    robot = assemble(exosuit)
-    found = drive([robot], u[:, None])
+    found = drive([system.robot], u[:, None])
     if not found.converged.all():
         raise SystemExit("animation: a pose did not converge")
-    pose = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack([robot]), found.q))
-    return exosuit, u, pose
+    return u, jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack_systems([system]), found.q))
 
 
 @styled
@@ -108,17 +107,19 @@ def drawn(figure: Figure) -> Image.Image:
 
 def main() -> None:
     """Simulate, estimate, draw."""
-    exosuit, u, pose = simulated()
-    seen, near = picture(published(exosuit), pose.axes), picture(published(exosuit, NEAR), pose.axes)
+    exosuit = Exosuit(CONTROL_SHAPE)
+    system = published(exosuit)
+    u, found = simulated(system)
+    seen, near = picture(system, found.axes), picture(published(exosuit, NEAR), found.axes)
     Image.fromarray(seen[int(np.argmin(np.abs(u - SEEN_AT)))]).save(SEEN, optimize=True)
     read: Reading = OnnxEstimator.load(DEFAULT_MODEL).read(seen)
-    true = np.asarray(pose.forces[:, 1:])
+    true = found.readings[:, system.schema.output_indices()]
     radii = np.array(exosuit.finger.sphere_radii())
     largest = 1.08 * float(max(true.max(), read.high.max()))
     pictures = [
         drawn(
             frame(
-                float(u[i]), near[i], seen[i], pose.pushes[i], pose.spheres[i], radii, true[i],
+                float(u[i]), near[i], seen[i], found.forces[i], found.places[i], radii, true[i],
                 (read.forces[i], read.low[i], read.high[i]), largest,
             )
         )

@@ -14,7 +14,8 @@ from typing import Any
 from _parts.pages import fill, save, shown, table_of
 from matplotlib.figure import Figure
 
-from exosight.app.stress import draw, stress_table
+from exosight.app.control_figures import stress_figure
+from exosight.app.stress import stress_table
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGE = HERE / "stress.md", HERE / "results", HERE / "images" / "stress.png"
@@ -44,7 +45,7 @@ def picture(found: dict[str, Any]) -> Figure:
         "guarded, true force": found["stress_true"]["controllers"]["guarded"],
         "paper's law, K_P = 5, true force": found["stress_paper"]["controllers"]["K_P = 5"],
     }
-    return draw({"about": found["stress"]["about"], "controllers": runs})
+    return stress_figure({"about": found["stress"]["about"], "controllers": runs})
 
 
 def main() -> None:

@@ -19,13 +19,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
-from exosight.exosuit.assembly import QUADRATURE, Exosuit, assemble, observe
+from exosight.exosuit.assembly import QUADRATURE, Exosuit
+from exosight.exosuit.published import published
 from exosight.exosuit.shapes import ExosuitShape, Linear, radius
-from exosight.mechanics import drive, stack
+from exosight.mechanics import drive
+from exosight.system.observation import observe
+from exosight.system.system import stack_systems
 
 BLUE, ORANGE, BLACK = "#0072B2", "#E69F00", "#000000"
-CONTACT_COLOURS = ["#000000", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#E69F00"]
-"""Colours of C1…C7, colour-blind safe."""
+COLOURS = ("#000000", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#D55E00", "#E69F00")
+CONTACTS = {f"C{i}": colour for i, colour in enumerate(COLOURS, start=1)}
+"""The finger's spheres and their colours, colour-blind safe."""
 CM = 100.0
 
 
@@ -54,35 +58,37 @@ def main(folder: Path = Path("results/02_exosuit_path")) -> float:
     exosuit = Exosuit(ExosuitShape(Linear(r0=0.010, r1=0.005), length=0.095))
     up = np.linspace(0.0, 4.0, 81)
     u = np.concatenate([up, up[-2::-1]])
-    robot = assemble(exosuit)
-    found = drive([robot], u[:, None])
-    pose = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack([robot]), found.q))
+    system = published(exosuit)
+    found = drive([system.robot], u[:, None])
+    observed = jax.tree.map(lambda leaf: np.asarray(leaf[0]), observe(stack_systems([system]), found.q))
+    readings = {name: observed.readings[:, system.schema.index(name)] for name in (*CONTACTS, "F_net")}
 
     figure = Figure(figsize=(7.0, 4.8), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(1, 1.4))
     panels = above.subplots(1, 4, sharey=True)
     for ax, load in zip(panels, (0.0, 1.0, 2.4, 4.0), strict=True):
         k = int(np.argmin(np.abs(up - load)))
-        draw(ax, exosuit, pose.centreline[k][:, ::2], pose.finger[k][:, ::2])
+        draw(ax, exosuit, observed.axes["exosuit"][k][:, ::2], observed.axes["finger"][k][:, ::2])
         ax.set(aspect="equal", xlim=(-1.5, 10.5), ylim=(-6, 4), xlabel="x [cm]")
         ax.set_title(f"u = {load:g} N", fontsize=9)
     panels[0].set_ylabel("z [cm]")
 
     contacts, net = below.subplots(1, 2)
-    for i, color in enumerate(CONTACT_COLOURS, start=1):
-        if pose.forces[: len(up), i].max() > 0:
-            contacts.plot(up, pose.forces[: len(up), i], color=color, label=f"C{i}")
+    for name, color in CONTACTS.items():
+        if readings[name][: len(up)].max() > 0:
+            contacts.plot(up, readings[name][: len(up)], color=color, label=name)
     contacts.set(xlabel="actuation u [N]", ylabel="contact force [N]")
     contacts.set_title("Force on each of the finger's spheres, u rising", fontsize=9)
     contacts.legend(frameon=False, fontsize=8)
-    net.plot(up, pose.net_force[: len(up)], color=BLUE, linewidth=2.5, label="u rising")
-    net.plot(u[len(up) - 1 :], pose.net_force[len(up) - 1 :], color=ORANGE, linewidth=1.2, label="u falling")
+    f_net = readings["F_net"]
+    net.plot(up, f_net[: len(up)], color=BLUE, linewidth=2.5, label="u rising")
+    net.plot(u[len(up) - 1 :], f_net[len(up) - 1 :], color=ORANGE, linewidth=1.2, label="u falling")
     net.set(xlabel="actuation u [N]", ylabel="force on the finger F_net [N]")
     net.set_title("F_net, their sum, u rising and falling", fontsize=9)
     net.legend(frameon=False, fontsize=8)
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "exosuit_path.png", dpi=200)
-    return float(pose.net_force[len(up) - 1])
+    return float(f_net[len(up) - 1])
 
 
 if __name__ == "__main__":

@@ -25,8 +25,8 @@ from exosight.exosuit.simulation import simulate
 
 exosuit = Exosuit(CONTROL_SHAPE)
 found = simulate(exosuit, [0.0, 1.2, 2.4, 4.0])
-for u, pose_force, ok in zip(found.u, found.pose.net_force, found.equilibria.converged, strict=True):
-    print(f"u = {u:.1f} N: F_net = {float(pose_force):.3f} N, stable equilibrium: {bool(ok)}")
+for u, net_force, ok in zip(found.u, found.reading("F_net"), found.equilibria.converged, strict=True):
+    print(f"u = {u:.1f} N: F_net = {float(net_force):.3f} N, stable equilibrium: {bool(ok)}")
 
 # %%
 # Images with known forces

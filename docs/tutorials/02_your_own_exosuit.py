@@ -72,14 +72,14 @@ surface, force = curves.subplots(1, 2)
 x = np.linspace(0, 1, 200)
 for name, shape in SHAPES.items():
     surface.plot(100 * shape.length * x, 1000 * radius(shape.surface, x), color=COLOURS[name], label=name)
-    force.plot(LOADS, found[name].pose.net_force, "o-", color=COLOURS[name], markersize=3, label=name)
+    force.plot(LOADS, found[name].reading("F_net"), "o-", color=COLOURS[name], markersize=3, label=name)
 surface.set(xlabel="along the exosuit [cm]", ylabel="radius [mm]", ylim=(0, 11))
 force.set(xlabel="actuation u [N]", ylabel="F_net [N]")
 force.legend(frameon=False)
 
 for name, path in found.items():
     worst = float(np.max(path.equilibria.residual))
-    print(f"{name}: F_net at 4 N = {float(path.pose.net_force[-1]):.3f} N, largest residual {worst:.0e}")
+    print(f"{name}: F_net at 4 N = {float(path.reading('F_net')[-1]):.3f} N, largest residual {worst:.0e}")
 
 # %%
 # Camera images
@@ -88,7 +88,7 @@ for name, path in found.items():
 from exosight.evaluation.figures import pose_strip
 from exosight.vision.scene import picture
 
-images = np.stack([picture(published(SHAPES[name]), found[name].pose.axes)[15] for name in SHAPES])
+images = np.stack([picture(published(SHAPES[name]), found[name].observation.axes)[15] for name in SHAPES])
 seen = pose_strip(images, [f"{name}, u = {LOADS[15]:.0f} N" for name in SHAPES])
 
 # %%
@@ -101,7 +101,7 @@ seen = pose_strip(images, [f"{name}, u = {LOADS[15]:.0f} N" for name in SHAPES])
 
 for young in (200e3, 300e3, 600e3):
     at = simulate(Exosuit(taper, young=young), [2.4])
-    print(f"E = {young / 1000:.0f} kPa: F_net at 2.4 N = {float(at.pose.net_force[0]):.3f} N")
+    print(f"E = {young / 1000:.0f} kPa: F_net at 2.4 N = {float(at.reading('F_net')[0]):.3f} N")
 
 # %%
 # Estimates of the shipped network
@@ -116,7 +116,7 @@ from exosight.control.estimator import DEFAULT_MODEL
 network = OnnxEstimator.load(DEFAULT_MODEL)
 reading = network.read(images)
 for i, name in enumerate(SHAPES):
-    true = float(found[name].pose.net_force[15])
+    true = float(found[name].reading("F_net")[15])
     estimate, ood_score = reading.forces[i].sum(), reading.ood_score[i]
     print(f"{name}: true {true:.3f} N, estimated {estimate:.3f} N, OOD score {ood_score:.2f}")
 

@@ -39,13 +39,12 @@ FINGERS = {"published": nominal, "10 % smaller": small, "half as stiff": supple}
 # Joint angles are flexion, from base to tip. The finger is passive: joints deflect against their springs.
 
 LOAD = 2.4  # [N]
-poses = {
-    name: simulate(Exosuit(CONTROL_SHAPE, finger=finger), [LOAD]).pose for name, finger in FINGERS.items()
-}
-for name, pose in poses.items():
-    angles = ", ".join(f"{round(float(angle))}°" for angle in np.rad2deg(pose.joint_angles[0]))
-    forces = " ".join(f"{1000 * force:4.0f}" for force in pose.forces[0, 1:])
-    print(f"{name:14s} F_net {float(pose.net_force[0]):.3f} N, C1…C7 [mN] {forces}, joints {angles}")
+found = {name: simulate(Exosuit(CONTROL_SHAPE, finger=finger), [LOAD]) for name, finger in FINGERS.items()}
+net_forces = {name: float(at.reading("F_net")[0]) for name, at in found.items()}
+for name, at in found.items():
+    angles = ", ".join(f"{round(float(at.reading(f'angle_{i}')[0] * 180 / np.pi))}°" for i in (1, 2, 3))
+    forces = " ".join(f"{1000 * float(at.reading(f'C{i}')[0]):4.0f}" for i in range(1, 8))
+    print(f"{name:14s} F_net {net_forces[name]:.3f} N, C1…C7 [mN] {forces}, joints {angles}")
 
 # %%
 from exosight.evaluation.figures import pose_strip
@@ -53,7 +52,7 @@ from exosight.vision.scene import picture
 
 images = np.concatenate(
     [
-        picture(published(Exosuit(CONTROL_SHAPE, finger=finger)), poses[name].axes)
+        picture(published(Exosuit(CONTROL_SHAPE, finger=finger)), found[name].observation.axes)
         for name, finger in FINGERS.items()
     ]
 )
@@ -72,9 +71,9 @@ from exosight.control import OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL
 
 reading = OnnxEstimator.load(DEFAULT_MODEL).read(images)
-for i, (name, pose) in enumerate(poses.items()):
+for i, (name, net_force) in enumerate(net_forces.items()):
     print(
-        f"{name:14s} true {float(pose.net_force[0]):.3f} N, estimated {reading.forces[i].sum():.3f} N, "
+        f"{name:14s} true {net_force:.3f} N, estimated {reading.forces[i].sum():.3f} N, "
         f"OOD score {reading.ood_score[i]:.2f}"
     )
 
@@ -94,7 +93,7 @@ drawn = draw_variant(variation, 0, 3)
 print("drawn for shape 3 of seed 0: links ×", np.round(drawn.link_length, 3))
 print("                             hinges ×", np.round(drawn.joint_stiffness, 3))
 worn = varied(Exosuit(CONTROL_SHAPE), drawn)
-print(f"F_net at {LOAD} N: {float(simulate(worn, [LOAD]).pose.net_force[0]):.3f} N")
+print(f"F_net at {LOAD} N: {float(simulate(worn, [LOAD]).reading('F_net')[0]):.3f} N")
 
 # %%
 # If the finger has been measured, fine-tune the network instead: ``exosight generate --seed 7`` with its

@@ -1,4 +1,5 @@
-from dataclasses import dataclass
+import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,41 +11,46 @@ from exosight.app.report import Listing, Picture, Points, Report, Section, rende
 from exosight.app.results import (
     DataSummary,
     Judgement,
-    LoopRun,
+    LoopResult,
     PathSummary,
     RobustnessSummary,
-    SteeredLoop,
     TrainingRun,
 )
+from exosight.control import Record, Trial, measure_response
 from exosight.evaluation.published import ROBUSTNESS_PUBLISHED
 from exosight.evaluation.tables import Table
 from exosight.learning.history import EpochRecord
-from exosight.system.schema import Schema
 
 SCHEMA = published_schema()
 BY_SHAPE, BY_FRAME = "light network, by shape", "light network, by frame"
 
 
-@dataclass
-class Trace:
-    time: np.ndarray
-    target: np.ndarray
-    true: np.ndarray
-    estimated: np.ndarray
-    command: np.ndarray
-    schema: Schema = SCHEMA
-    sensor: str = "F_net"
-    channel: str = "u"
+def trial(gain: float, target: np.ndarray, settling_steps: float) -> Trial:
+    steps = len(target)
+    force = target * np.linspace(0, 1, steps)
+    record = Record(
+        schema=SCHEMA,
+        sensor="F_net",
+        channel="u",
+        time=np.arange(steps) / 10,
+        target=target,
+        true=force,
+        estimated=force + 0.01,
+        command=8 * force - 1,
+        images=images(steps),
+        q=np.zeros((steps, 25)),
+        converged=np.ones(steps, dtype=bool),
+    )
+    response = measure_response(record.time, target, force, record.command, record.driven)
+    return Trial(gain, record, replace(response, settling_steps=settling_steps, overshoot=0.02))
 
 
-def loop(gain: float, target: np.ndarray, settling_steps: int | None) -> LoopRun:
-    time = np.arange(len(target)) / 10
-    force = target * np.linspace(0, 1, len(target))
-    return LoopRun(gain, Trace(time, target, force, force + 0.01, 8 * force - 1), settling_steps, 0.02, 0.004)
+def images(count: int) -> np.ndarray:
+    return np.full((count, 16, 16), 200, np.uint8)
 
 
-STEADY = [loop(5.0, np.full(20, 0.25), 6), loop(5.0, np.full(20, 0.4), None)]
-STEPS = [loop(gain, np.repeat([0.2, 0.0], 10), None) for gain in (0.1, 100.0)]
+CONSTANT = [trial(5.0, np.full(20, 0.25), 6.0), trial(5.0, np.full(20, 0.4), math.nan)]
+STEPS = [trial(gain, np.repeat([0.2, 0.0], 10), math.nan) for gain in (0.1, 100.0)]
 HISTORY = [
     EpochRecord(1, 10, 1e-3, 0.5, 0.4, 0.05, 60.0),
     EpochRecord(2, 20, 1e-3, 0.4, None, None, 120.0),
@@ -57,20 +63,13 @@ DATA = DataSummary(
 )
 
 
-def images(count: int) -> np.ndarray:
-    return np.full((count, 16, 16), 200, np.uint8)
-
-
 LOOPS = [
-    SteeredLoop(BY_SHAPE, "light_shape", False, STEADY, STEPS, images(3), (0.0, 5.0, 10.0)),
-    SteeredLoop(
+    LoopResult(BY_SHAPE, "light_shape", False, CONSTANT + STEPS),
+    LoopResult(
         "shipped network",
         "shipped",
         True,
-        [loop(5.0, np.full(20, 0.25), 3), loop(5.0, np.full(20, 0.4), 4)],
-        STEPS,
-        images(3),
-        (0.0, 5.0, 10.0),
+        [trial(5.0, np.full(20, 0.25), 3.0), trial(5.0, np.full(20, 0.4), 4.0), *STEPS],
     ),
 ]
 
@@ -184,7 +183,7 @@ def test_steady_states_stand_beside_the_papers_settling_steps():
 
 def test_step_responses_are_read_before_the_switch_and_at_the_end():
     row = tables(chapters.closed_loop(LOOPS[0]))["step_responses_light_shape"].records()[1]
-    force = STEPS[1].trace.true
+    force = STEPS[1].record.true
     assert row["true F_net before the switch [N]"] == force[9]
     assert row["true F_net largest [N]"] == force.max()
     assert row["true F_net at the end [N]"] == 0

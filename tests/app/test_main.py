@@ -133,8 +133,8 @@ def test_negative_numbers_are_numbers() -> None:
     )
     assert bound is not None
     chosen = bound.keywords  # type: ignore[attr-defined]
-    assert chosen["b"] == (-5, -3, -0.1, -0.5, 0, 0, -2)
-    assert chosen["a"] == -5
+    assert chosen["exosuit"].b == (-5, -3, -0.1, -0.5, 0, 0, -2)
+    assert chosen["exosuit"].a == -5
     assert chosen["u"] == (-1, 2)
 
 
@@ -148,7 +148,7 @@ def test_negative_numbers_are_numbers() -> None:
         ("simulate extra", "unknown options: extra"),
         ("simulate --r0", "--r0: expected a value, got none"),
         ("simulate --r0 thick", "--r0: expected FLOAT, got 'thick'"),
-        ("simulate --length long", "--length: expected a number, got 'long'"),
+        ("simulate --length long", "--length: expected FLOAT, got 'long'"),
         ("simulate --u 1 2 x", "--u: expected numbers, got '1', '2', 'x'"),
         ("generate --out o --frames 1.5", "--frames: expected a whole number, got '1.5'"),
         ("generate --out o --frames 1", "--frames: input should be greater than or equal to 2, got 1"),

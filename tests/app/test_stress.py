@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from exosight.app.control_figures import stress_figure
 from exosight.app.main import main
-from exosight.app.stress import draw, stress_table
+from exosight.app.stress import stress_table
 
 THUMB = Path(__file__).parents[2] / "examples" / "systems" / "thumb.toml"
 SHORT = ["stress", "--episodes", "10", "--hold-seconds", "1.5", "--release-seconds", "1.1"]
@@ -30,7 +31,7 @@ def test_the_folder_holds_summary_episodes_and_figure(tmp_path: Path, capsys: py
     assert (out / "stress.svg").stat().st_size > 10_000
     # The table and the figure are those of the numbers on file.
     assert [row[0] for row in stress_table(found).rows] == ["guarded", "K_P = 1"]
-    assert len(draw(found).axes) == 4
+    assert len(stress_figure(found).axes) == 4
 
 
 def test_a_system_file_has_episodes_of_its_own(tmp_path: Path):

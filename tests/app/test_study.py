@@ -67,7 +67,7 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
     for stage, where, words in (
         ("simulating", "exosight.dataset.generation.simulate_designs", first),
         ("second network", "exosight.app.study._judgement", again),
-        ("closed loop", "exosight.app.study.run_trials", again),
+        ("closed loop", "exosight.app.study.run_with_progress", again),
     ):
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(where, stopped)
@@ -132,7 +132,7 @@ def test_shipped_network_steers_where_it_fits_the_camera(tmp_path: Path) -> None
     assert (own.shipped, other.shipped) == (False, True)
     assert {"control", "control_shipped"} == {path.name for path in tmp_path.iterdir()}
     # The same network and plant: the same loop.
-    np.testing.assert_array_equal(own.steady[0].trace.command, other.steady[0].trace.command)
+    np.testing.assert_array_equal(own.constant[0].record.command, other.constant[0].record.command)
 
 
 def test_finished_study_is_returned_as_it_is(

@@ -111,7 +111,7 @@ def test_simulate_takes_u_where_there_is_one_channel(capsys: Captured, refused: 
         ((thumb, "--commands", "v=1"), "expected NAME=NUMBER"),
         ((thumb, "--commands", "u=a"), "expected a number for u, got 'a'"),
         ((thumb, "--commands", "u=1,u=2"), "at most once"),
-        ((thumb, "--u", "1", "--gap", "0.01"), "--gap: it is of the published exosuits"),
+        ((thumb, "--u", "1", "--gap", "0.01"), "--gap: of the published system alone"),
     ):
         assert sentence in refused("simulate", "--system", *words)
 

@@ -1,4 +1,4 @@
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import matplotlib
 import numpy as np
@@ -12,28 +12,10 @@ from exosight.evaluation.figures.learning import rate_drops
 from exosight.evaluation.figures.motion import find_snaps
 from exosight.evaluation.metrics import score
 from exosight.evaluation.published import ROBUSTNESS_PUBLISHED
-from exosight.system.schema import Schema, SensorSpec
+from exosight.system.schema import SensorSpec
 
 SCHEMA = published_schema()
 CONTACTS = SCHEMA.outputs
-
-
-@dataclass
-class Trace:
-    time: np.ndarray
-    target: np.ndarray
-    true: np.ndarray
-    estimated: np.ndarray
-    command: np.ndarray
-    schema: Schema = SCHEMA
-    sensor: str = "F_net"
-    channel: str = "u"
-
-
-def trace(target: float = 0.25, steps: int = 20) -> Trace:
-    time = np.arange(steps) / 10
-    force = target * (1 - np.exp(-3 * time))
-    return Trace(time, np.full(steps, target), force, force + 0.01, 10 * force)
 
 
 def forces(frames: int = 80) -> tuple[np.ndarray, np.ndarray]:
@@ -92,8 +74,6 @@ def every_figure() -> dict[str, Figure]:
         "bars": figures.robustness_bars(cases),
         "path": figures.loading_path(u, u / 10, np.arange(len(u)) == 3),
         "poses": figures.pose_strip(images(3), ["t = 0 s", "t = 5 s", "t = 10 s"]),
-        "steady": figures.steady_states([trace(0.25), trace(0.3)]),
-        "steps": figures.step_responses({0.1: trace(), 1.0: trace()}),
     }
 
 
@@ -112,8 +92,6 @@ def drawn() -> dict[str, Figure]:
         ("rain", ["force [N]"]),
         ("bars", ["RMSE [N]", "RMS% [% of range]", "Pearson r [-]"]),
         ("path", ["actuation u [N]", "F_net [N]"]),
-        ("steady", ["F_net [N]", "command u [N]", "time [s]"]),
-        ("steps", ["F_net [N]", "error e [N]", "command u [N]", "time [s]"]),
     ],
 )
 def test_axes_say_quantity_and_unit(name, expected, drawn):
@@ -124,7 +102,7 @@ def test_axes_say_quantity_and_unit(name, expected, drawn):
 
 def test_process_wide_style_stays_as_it_was():
     before = dict(matplotlib.rcParams)
-    figures.to_svg(every_figure()["steady"])
+    figures.to_svg(every_figure()["path"])
     assert dict(matplotlib.rcParams) == before
 
 
@@ -275,25 +253,6 @@ def test_pose_strip_labels_every_image_and_wraps():
     figure = figures.pose_strip(images(8), [f"u = {i} N" for i in range(8)])
     shown = [ax for ax in figure.axes if ax.images]
     assert [ax.get_title() for ax in shown] == [f"u = {i} N" for i in range(8)]
-
-
-def test_steady_states_show_true_estimated_target_and_the_training_limit():
-    run = trace(0.25)
-    force, actuation = figures.steady_states([run]).axes
-    target, true, estimated = force.get_lines()
-    np.testing.assert_array_equal(true.get_ydata(), run.true)
-    np.testing.assert_array_equal(estimated.get_ydata(), run.estimated)
-    np.testing.assert_array_equal(target.get_ydata(), run.target)
-    np.testing.assert_array_equal(line(actuation, "target 0.25 N").get_ydata(), run.command)
-    assert any(set(drawn.get_ydata()) == {4.0} for drawn in actuation.get_lines())
-
-
-def test_step_responses_draw_the_error_that_the_controller_sees():
-    runs = {0.1: trace(0.2), 100.0: trace(0.3)}
-    _, error, actuation = figures.step_responses(runs).axes
-    for drawn, run in zip(error.get_lines(), runs.values(), strict=True):
-        np.testing.assert_allclose(drawn.get_ydata(), run.target - run.estimated)
-    np.testing.assert_array_equal(line(actuation, "K_P = 100").get_ydata(), runs[100.0].command)
 
 
 def test_overview_names_the_parts_and_shows_the_forces_of_its_image():

@@ -10,14 +10,19 @@ import numpy as np
 import pytest
 
 from exosight.errors import InputError
-from exosight.exosuit.assembly import MAX_FORCE, QUADRATURE, ROD, Exosuit, Pose, assemble, observe
+from exosight.exosuit.assembly import MAX_FORCE, QUADRATURE, ROD, Exosuit, assemble
 from exosight.exosuit.finger import Finger
+from exosight.exosuit.published import published
 from exosight.exosuit.shapes import TABLE_I, CosineSum, ExosuitShape, Linear
-from exosight.mechanics import Equilibria, PressureLine, Robot, SphereContact, drive, stack, walk
+from exosight.mechanics import Equilibria, PressureLine, Robot, SphereContact, drive, walk
+from exosight.system.observation import Observation, observe
+from exosight.system.system import stack_systems
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "planar_paths.json").read_text())
 STEP = 0.05
 """The reference was followed in steps of this, and so are the paths here [N]."""
+FORCES, F_NET, ANGLES = slice(0, 8), 8, slice(9, 12)
+"""Places of the sensors."""
 
 
 def exosuit(of: dict) -> Exosuit:
@@ -39,8 +44,9 @@ def equilibria(robots: list[Robot]) -> Equilibria:
 
 
 @pytest.fixture(scope="module")
-def poses(robots: list[Robot], equilibria: Equilibria) -> Pose:
-    return jax.tree.map(np.asarray, observe(stack(robots), equilibria.q))
+def poses(equilibria: Equilibria) -> Observation:
+    systems = stack_systems([published(exosuit(of)) for of in REFERENCE])
+    return jax.tree.map(np.asarray, observe(systems, equilibria.q))
 
 
 # The robot
@@ -130,7 +136,7 @@ def before_first_snap(net_force: list[float]) -> int:
     return len(net_force)
 
 
-def compare(poses: Pose, equilibria: Equilibria, robot: int, listed: dict) -> None:
+def compare(poses: Observation, equilibria: Equilibria, robot: int, listed: dict) -> None:
     """Everything the reference lists at one load.
 
     A solve stops at 1e-10 relative in the energy norm; soft modes cost a factor of ten to a hundred. That is
@@ -138,16 +144,15 @@ def compare(poses: Pose, equilibria: Equilibria, robot: int, listed: dict) -> No
     """
     k = round(listed["u"] / STEP)
     at = (robot, k)
-    assert poses.net_force[at] == pytest.approx(listed["net_force"], rel=1e-7)
-    np.testing.assert_allclose(poses.forces[at], listed["forces"], atol=1e-8)
-    np.testing.assert_allclose(poses.joint_angles[at], listed["joint_angles"], atol=1e-9)
-    np.testing.assert_allclose(poses.centreline[at][-1, ::2], listed["tip"][:2], atol=1e-10)
-    assert poses.tip_angle[at] == pytest.approx(listed["tip"][2], abs=1e-8)
+    assert poses.readings[at][F_NET] == pytest.approx(listed["net_force"], rel=1e-7)
+    np.testing.assert_allclose(poses.readings[at][FORCES], listed["forces"], atol=1e-8)
+    np.testing.assert_allclose(poses.readings[at][ANGLES], listed["joint_angles"], atol=1e-9)
+    np.testing.assert_allclose(poses.axes["exosuit"][at][-1, ::2], listed["tip"][:2], atol=1e-10)
     assert equilibria.energy[at] == pytest.approx(listed["energy"], abs=1e-12)
 
 
 @pytest.mark.parametrize("number", range(len(REFERENCE)))
-def test_smooth_part_of_the_path_agrees(poses: Pose, equilibria: Equilibria, number: int) -> None:
+def test_smooth_part_of_the_path_agrees(poses: Observation, equilibria: Equilibria, number: int) -> None:
     """Forces on C0…C7, F_net, joint angles, tip and energy, up to the first snap."""
     path = REFERENCE[number]["path"]
     smooth = before_first_snap([listed["net_force"] for listed in path])
@@ -163,13 +168,15 @@ def test_smooth_parts_are_most_of_the_paths() -> None:
     assert sum(smooth) > 60
 
 
-def test_beyond_a_snap_poses_agree_or_are_other_stable_ones(poses: Pose, equilibria: Equilibria) -> None:
+def test_beyond_a_snap_poses_agree_or_are_other_stable_ones(
+    poses: Observation, equilibria: Equilibria
+) -> None:
     """Where a path snaps it may land in another minimum; nearly always it is the reference's."""
     other = []
     for number, of in enumerate(REFERENCE):
         for listed in of["path"]:
             at = (number, round(listed["u"] / STEP))
-            if poses.net_force[at] == pytest.approx(listed["net_force"], rel=1e-5):
+            if poses.readings[at][F_NET] == pytest.approx(listed["net_force"], rel=1e-5):
                 compare(poses, equilibria, number, listed)
             else:
                 other.append(at)
@@ -178,49 +185,44 @@ def test_beyond_a_snap_poses_agree_or_are_other_stable_ones(poses: Pose, equilib
     assert len(other) <= 6, other  # of 126
 
 
-def test_published_force_of_the_tapered_exosuit(poses: Pose) -> None:
+def test_published_force_of_the_tapered_exosuit(poses: Observation) -> None:
     """R0 = 1 cm, R1 = 0.5 cm, L = 9.5 cm: 0.058, 0.22, 0.49 N at 1, 2.4, 4 N; in print 0.2 N at 2.4 N."""
     assert REFERENCE[0]["shape"] == {"family": "linear", "r0": 0.01, "r1": 0.005, "length": 0.095}
     for u, force in ((1.0, 0.058), (2.4, 0.22), (4.0, 0.49)):
-        assert poses.net_force[0, round(u / STEP)] == pytest.approx(force, rel=0.02)
+        assert poses.readings[0, round(u / STEP), F_NET] == pytest.approx(force, rel=0.02)
 
 
 # What is read off a pose
 
 
-def test_forces_are_stiffness_times_overlap(poses: Pose) -> None:
+def test_forces_are_stiffness_times_overlap(poses: Observation) -> None:
     """Each label is the magnitude of the summed forces k d n on its sphere, from the positions alone."""
     finger = Finger()
     along = np.array([finger.centre_of_mass(i) / finger.lengths[i] for i in range(4)])
-    base, end = poses.finger[:, :, :4], poses.finger[:, :, 1:]
+    nodes = poses.axes["finger"]
+    base, end = nodes[:, :, :4], nodes[:, :, 1:]
     spheres = np.stack([base, base + along[:, None] * (end - base)], axis=3).reshape(*base.shape[:2], 8, 3)
     for number, of in enumerate(REFERENCE):
         shape, x = of["shape"], QUADRATURE.points
         reach = (shape["r0"] + (shape["r1"] - shape["r0"]) * x)[:, None] + np.array(finger.sphere_radii())
-        apart = spheres[number, :, None] - poses.centreline[number, :, :, None]  # (loads, 42, 8, 3)
+        apart = spheres[number, :, None] - poses.axes["exosuit"][number, :, :, None]  # (loads, 42, 8, 3)
         distance = np.linalg.norm(apart, axis=-1)
         depth = np.maximum(reach - distance, 0.0)
         total = of["contact_stiffness"] * np.einsum("lrs,lrsk->lsk", depth / distance, apart)
         # 1000 N/m times the round-off in positions.
-        np.testing.assert_allclose(poses.forces[number], np.linalg.norm(total, axis=-1), atol=1e-12)
-    np.testing.assert_allclose(poses.net_force, poses.forces[..., 1:].sum(axis=-1), rtol=1e-14)
+        np.testing.assert_allclose(poses.forces[number], total, atol=1e-12)
+    magnitudes = np.linalg.norm(poses.forces, axis=-1)
+    np.testing.assert_allclose(poses.readings[..., FORCES], magnitudes, rtol=1e-14)
+    np.testing.assert_allclose(poses.readings[..., F_NET], magnitudes[..., 1:].sum(axis=-1), rtol=1e-14)
 
 
-def test_shape_is_where_the_frames_are(equilibria: Equilibria, poses: Pose) -> None:
+def test_shape_is_where_the_frames_are(equilibria: Equilibria, poses: Observation) -> None:
     """The finger's nodes are links apart and turned by the joint angles; all is in the x–z plane."""
-    segments = np.diff(poses.finger, axis=2)
+    segments, angles = np.diff(poses.axes["finger"], axis=2), poses.readings[..., ANGLES]
     lengths = np.linalg.norm(segments, axis=-1)
     np.testing.assert_allclose(lengths, np.broadcast_to(Finger().lengths, lengths.shape), rtol=1e-12)
     inclination = np.arctan2(-segments[..., 2], segments[..., 0])
-    expected = np.cumsum(poses.joint_angles, axis=-1)[..., [0, 1, 2, 2]]
+    expected = np.cumsum(angles, axis=-1)[..., [0, 1, 2, 2]]
     np.testing.assert_allclose(inclination, expected, atol=1e-12)
-    np.testing.assert_array_equal(poses.joint_angles, equilibria.q[..., -3:])
-    np.testing.assert_allclose(poses.centreline[..., 1], 0.0, atol=1e-16)
-
-
-def test_tip_angle_counts_through_full_turns(equilibria: Equilibria, poses: Pose) -> None:
-    """Bending about y is the only rotation, so the tip's angle is −∫κ ds, the integral of nodal parabolas."""
-    simpson = np.array([1, 4, 2, 4, 2, 4, 2, 4, 2, 4, 1]) / 30
-    # The steps between the 42 points do not end at the elements' ends, where the parabolas have kinks.
-    np.testing.assert_allclose(poses.tip_angle, -equilibria.q[..., :11] @ simpson, rtol=1e-3)
-    assert poses.tip_angle.min() < -np.pi
+    np.testing.assert_array_equal(angles, equilibria.q[..., -3:])
+    np.testing.assert_allclose(poses.axes["exosuit"][..., 1], 0.0, atol=1e-16)

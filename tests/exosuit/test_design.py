@@ -1,12 +1,15 @@
 """How the forces depend on the exosuit's design: derivatives by shape, size and material."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from exosight.exosuit.assembly import QUADRATURE, assemble_surface, observe
+from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble_surface
 from exosight.exosuit.finger import Finger
-from exosight.mechanics import Robot, SolverOptions, differentiable, drive, stack
+from exosight.exosuit.published import published, system_of
+from exosight.mechanics import Robot, SolverOptions, differentiable, drive
+from exosight.system.observation import observe_state
 
 X = QUADRATURE.points
 LOADS = np.arange(0.0, 1.05, 0.1)[:, None]
@@ -16,15 +19,13 @@ DESIGN = np.array([0.0095, 0.0055, 0.095, 300e3, 1000.0])
 
 def robot(design: jax.Array | np.ndarray) -> Robot:
     r0, r1, length, young, stiffness = design
-    return assemble_surface(
-        jnp.asarray(r0 + (r1 - r0) * X),
-        jnp.asarray((r1 - r0) * jnp.ones_like(X)),
-        length,
-        finger=Finger(),
-        young=young,
-        contact_stiffness=stiffness,
-        gap=0.0,
-    )
+    surface, slope = jnp.asarray(r0 + (r1 - r0) * X), jnp.asarray((r1 - r0) * jnp.ones_like(X))
+    nominal = assemble_surface(surface, slope, length, Exosuit())
+    return eqx.tree_at(lambda of: (of[ROD].young, of.terms[1].stiffness), nominal, (young, stiffness))
+
+
+def net_force(of: Robot, q: jax.Array | np.ndarray) -> jax.Array:
+    return observe_state(system_of(of, Finger()), jnp.asarray(q)).readings[published().schema.index("F_net")]
 
 
 def test_net_force_by_radii_length_modulus_and_contact_stiffness() -> None:
@@ -33,14 +34,12 @@ def test_net_force_by_radii_length_modulus_and_contact_stiffness() -> None:
     robots = [robot(design) for design in designs]
     found = drive(robots, LOADS, options=SolverOptions(tolerance=1e-13))
     q = np.asarray(found.q)[:, -1]
-    solved = np.asarray(observe(stack(robots), q[:, None]).net_force)[:, 0]
+    solved = np.array([net_force(*each) for each in zip(robots, q, strict=True)])
 
     @jax.jit
     def force(design: jax.Array) -> jax.Array:
         own = robot(design)
-        batched = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], own)
-        at = differentiable(own, jnp.asarray(LOADS[-1]), q[0])
-        return jnp.asarray(observe(batched, at[None, None]).net_force)[0, 0]
+        return net_force(own, differentiable(own, jnp.asarray(LOADS[-1]), q[0]))
 
     gradient = np.asarray(jax.grad(force)(jnp.asarray(DESIGN)))
     for slope, high, low, step in zip(gradient, solved[1:6], solved[6:], np.diag(steps), strict=True):

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import quad
 
 from exosight.errors import InputError
-from exosight.exosuit.finger import SPHERES, Finger
+from exosight.exosuit.finger import Finger
 
 CM = 0.01
 LENGTHS = [4.5 * CM, 2.53 * CM, 2.36 * CM, 0.1 * CM]
@@ -55,8 +55,7 @@ def test_a_cylinder_and_a_cone_have_known_centres() -> None:
 
 
 def test_there_are_eight_contacts() -> None:
-    assert SPHERES == ("C0", "C1", "C2", "C3", "C4", "C5", "C6", "C7")
-    assert len(Finger().sphere_radii()) == len(SPHERES)
+    assert len(Finger().sphere_radii()) == 8
 
 
 @pytest.mark.parametrize(

@@ -110,6 +110,15 @@ def test_loads_that_no_exosuit_bears_are_refused(loads: list[float]) -> None:
         simulate(EXOSUIT, loads)
 
 
+def test_tip_angle_counts_through_full_turns() -> None:
+    """Bending about y is the only rotation, so the tip's angle is −∫κ ds, the integral of nodal parabolas."""
+    found = simulate(EXOSUIT, [1.0, 4.0])
+    simpson = np.array([1, 4, 2, 4, 2, 4, 2, 4, 2, 4, 1]) / 30
+    # The steps between the 42 points do not end at the elements' ends, where the parabolas have kinks.
+    np.testing.assert_allclose(found.tip_angle, -found.equilibria.q[:, :11] @ simpson, rtol=1e-3)
+    assert simulate(Exosuit(), [4.0]).tip_angle[0] < -np.pi
+
+
 def test_no_load_at_all_is_refused() -> None:
     with pytest.raises(InputError, match="at least one load"):
         simulate(EXOSUIT, [])
@@ -133,7 +142,7 @@ from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.exosuit.simulation import simulate
 exosuit = Exosuit(ExosuitShape(Linear(r0=0.01, r1=0.005), length=0.095))
-print(json.dumps(simulate(exosuit, {LOADS}).pose.forces.tolist()))
+print(json.dumps([record["forces"] for record in simulate(exosuit, {LOADS}).records()]))
 """
     own = ("XLA_FLAGS", "JAX_COMPILATION_CACHE_DIR")
     environment = {name: value for name, value in os.environ.items() if name not in own}

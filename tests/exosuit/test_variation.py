@@ -108,8 +108,9 @@ def bend(**change: object) -> tuple[float, float]:
     """How far a varied exosuit and its finger bend at 0.5 N, where nothing has snapped yet [rad]."""
     found = simulate(varied(Exosuit(), Variant(**change)), [0.5])
     assert found.equilibria.converged.all()
-    base = float(np.arctan2(*(found.pose.centreline[0, 1] - found.pose.centreline[0, 0])[[2, 0]]))
-    return base - float(found.pose.tip_angle[0]), float(found.pose.joint_angles.sum())
+    axis = found.observation.axes["exosuit"][0]
+    base = float(np.arctan2(*(axis[1] - axis[0])[[2, 0]]))
+    return base - float(found.tip_angle[0]), float(found.reading("angle_1", "angle_2", "angle_3").sum())
 
 
 @pytest.fixture(scope="module")
@@ -135,14 +136,15 @@ def test_scaled_plant_bends_alike() -> None:
         varied(Exosuit(), Variant(young=2.0, joint_stiffness=(2.0, 2.0, 2.0), contact_stiffness=2.0)), [2.0]
     )
     # The joints' limits are not scaled, and none is reached. Both solves end at a residual of 1e-10.
-    np.testing.assert_allclose(hard.pose.centreline, soft.pose.centreline, atol=1e-9)
-    np.testing.assert_allclose(hard.pose.forces, 2 * soft.pose.forces, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(hard.observation.axes["exosuit"], soft.observation.axes["exosuit"], atol=1e-9)
+    np.testing.assert_allclose(hard.observation.forces, 2 * soft.observation.forces, rtol=1e-6, atol=1e-9)
 
 
 def test_unloaded_exosuit_stands_at_its_mount() -> None:
-    pose = simulate(varied(Exosuit(), Variant(mount_angle=0.2, gap=0.002)), [0.0]).pose
-    assert float(pose.tip_angle[0]) == pytest.approx(0.2, abs=1e-9)  # residual 1e-10 of the solve
-    along = pose.centreline[0, -1] - pose.centreline[0, 0]
+    found = simulate(varied(Exosuit(), Variant(mount_angle=0.2, gap=0.002)), [0.0])
+    assert float(found.tip_angle[0]) == pytest.approx(0.2, abs=1e-9)  # residual 1e-10 of the solve
+    axis = found.observation.axes["exosuit"][0]
+    along = axis[-1] - axis[0]
     assert np.arctan2(along[2], along[0]) == pytest.approx(0.2, abs=1e-9)
 
 

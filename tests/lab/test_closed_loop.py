@@ -132,7 +132,7 @@ def test_steps_come_one_a_line(client: httpx.Client) -> None:
 
 def test_a_run_that_cannot_be_ends_with_a_sentence(client: httpx.Client) -> None:
     # A thin rod rolls up and does not let go again.
-    far = {"view": {"design": {"parameters": [0.004, 0.004]}}, "measured": "true"}
+    far = {"view": {"design": {"r0": 4.0, "r1": 4.0}}, "measured": "true"}
     with client.stream("POST", "/api/trial", json=far) as answer:
         lines = [json.loads(line) for line in answer.iter_lines()]
     assert lines[-1].get("error", "").startswith("tune")

@@ -112,7 +112,9 @@ def test_files_are_offered_for_saving(client: httpx.Client) -> None:
 
 
 def test_twenty_pages_at_once_each_get_their_own_view(client: httpx.Client, lab: LabSystem) -> None:
-    wanted = [{"design": {"young": 2e5 + 5e3 * i}, "drive": [[round(0.05 * (29 + i), 2)]]} for i in range(20)]
+    wanted = [
+        {"design": {"young": 200.0 + 5.0 * i}, "drive": [[round(0.05 * (29 + i), 2)]]} for i in range(20)
+    ]
 
     def ask(view: dict[str, Any]) -> dict[str, Any]:
         return client.post("/api/view", json=view).json()
@@ -321,7 +323,7 @@ def test_small_answers_leave_at_once() -> None:
 
 
 def test_pages_that_leave_in_the_middle_do_no_harm(address: Any, alive: Callable[[], None]) -> None:
-    body = json.dumps({"view": {"design": {"young": 222e3}, "drive": [[4.0]]}}).encode()
+    body = json.dumps({"view": {"design": {"young": 222}, "drive": [[4.0]]}}).encode()
     head = f"POST /api/path HTTP/1.1\r\nHost: {address.host}\r\nContent-Type: application/json\r\n"
 
     def ask_and_leave() -> None:

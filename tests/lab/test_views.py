@@ -149,7 +149,7 @@ def test_too_much_force_makes_the_guard_release(lab: LabSystem) -> None:
 
 
 def test_frames_that_datasets_drop_are_marked(lab: LabSystem) -> None:
-    rolled = View({"parameters": [0.0045, 0.004], "length": 0.11}, ((4.0,),))
+    rolled = View({"r0": 4.5, "r1": 4.0, "length": 110.0}, ((4.0,),))
     assert see(rolled, lab).notes
     assert not see(lab.start, lab).notes
 
@@ -161,7 +161,7 @@ def read_rows(file: Path) -> list[list[str]]:
 @pytest.mark.parametrize(
     ("words", "view"),
     [
-        (["--young", "250e3"], View({"young": 250e3}, ((4.0,), (2.4,)))),
+        (["--vary", "young=0.25 MPa"], View({"young": 250.0}, ((4.0,), (2.4,)))),
         (
             ["--system", str(THUMB), "--vary", "rods.sleeve.young=250 kPa"],
             View({"rods.sleeve.young": 250.0}, ((4.0,), (2.4,))),
@@ -189,12 +189,12 @@ def test_the_command_writes_the_files_of_a_view(
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--family", "sine"], "sine: a must be"),
+        (["--vary", "family=cube"], "design.family: expected one of linear, sine, "),
         (["--drive", "9"], "drive.0.u: expected 0 to 4 N, got 9"),
-        (["--parameters", "1", "2"], "linear: r0 must be"),
+        (["--vary", "r0=1 mm"], "design.r0: expected 4 to 10 mm, got 1"),
         (["--system", "none"], "system: expected published or a file"),
-        (["--vary", "a=1"], "--vary: it is for system files"),
-        (["--system", str(THUMB), "--gap", "0.001"], "--gap: only the system published has it"),
+        (["--vary", "a=1"], "vary: expected ENTRY=VALUE, where ENTRY is family, length, "),
+        (["--system", str(THUMB), "--vary", "gap=1 mm"], "vary: expected ENTRY=VALUE, where ENTRY is rods."),
         (["--system", str(THUMB), "--vary", "rods.sleeve.young=1 mm"], "young: expected a value in kPa"),
         (["--system", str(THUMB), "--vary", "rods.sleeve.young=1 kPa"], "young: expected 200 to 400 kPa"),
         (["--system", str(THUMB), "--drive", "-1.5"], "drive.0.u: expected -1 to 4 N"),

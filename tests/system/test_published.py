@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 
-from exosight.exosuit.assembly import Exosuit, assemble
-from exosight.exosuit.assembly import observe as observe_pose
+from exosight.exosuit.assembly import ROD, Exosuit, assemble
 from exosight.exosuit.published import PublishedDesigns, published
 from exosight.exosuit.variation import PlantVariation
-from exosight.mechanics import drive, stack
+from exosight.mechanics import SphereContact, drive, walk
 from exosight.system.designs import DesignSet
-from exosight.system.observation import observe
+from exosight.system.observation import observe_state
 from exosight.system.system import stack_systems
 
 LOADS = np.array([[0.0], [1.0], [2.4], [4.0]])
@@ -20,17 +19,19 @@ def test_equilibria_and_readings_are_those_of_the_robot() -> None:
     system, robot = published(exosuit), assemble(exosuit)
     ours, theirs = drive([system.robot], LOADS), drive([robot], LOADS)
     np.testing.assert_allclose(ours.q, theirs.q, atol=1e-12)
-    seen, pose = observe(stack_systems([system]), ours.q), observe_pose(stack([robot]), theirs.q)
-    names = [sensor.name for sensor in system.schema.sensors]
-    at = {name: np.asarray(seen.readings)[0, :, i] for i, name in enumerate(names)}
-    forces = np.stack([at[f"C{i}"] for i in range(8)], axis=-1)
-    np.testing.assert_allclose(forces, np.asarray(pose.forces)[0], atol=1e-12)
-    np.testing.assert_allclose(at["F_net"], np.asarray(pose.net_force)[0], atol=1e-12)
-    angles = np.stack([at[f"angle_{i}"] for i in (1, 2, 3)], axis=-1)
-    np.testing.assert_allclose(angles, np.asarray(pose.joint_angles)[0], atol=1e-12)
-    np.testing.assert_allclose(seen.places, pose.spheres, atol=1e-12)
-    np.testing.assert_allclose(seen.axes["exosuit"], pose.centreline, atol=1e-12)
-    np.testing.assert_allclose(seen.axes["finger"], pose.finger, atol=1e-12)
+    (contact,) = (term for term in robot.terms if isinstance(term, SphereContact))
+    for q in ours.q[0]:
+        observed, motion = observe_state(system, q), walk(robot, q)
+        pushes = contact.forces(robot, motion.position)[1]
+        forces = np.linalg.norm(pushes, axis=-1)
+        expected = [*forces, forces[1:].sum(), *q[-3:]]  # C0 … C7, F_net, angle_1 … angle_3
+        np.testing.assert_allclose(observed.readings, expected, atol=1e-12)
+        np.testing.assert_allclose(observed.forces, pushes, atol=1e-12)
+        places = motion.position[np.array(contact.second.index(robot))]
+        np.testing.assert_allclose(observed.places, places, atol=1e-12)
+        axis = motion.position[robot.frame_slice(ROD)]
+        np.testing.assert_allclose(observed.axes["exosuit"], axis, atol=1e-12)
+        np.testing.assert_allclose(observed.axes["finger"][-1], motion["finger_3"].end[:3, 3], atol=1e-12)
 
 
 def test_designs_are_drawn_by_seed_and_number_and_share_a_schema() -> None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from exosight.evaluation.figures.control import ControlTrace
+from exosight.control import Trial
 from exosight.evaluation.metrics import Scores, score
 from exosight.learning.history import EpochRecord
 from exosight.system.schema import Schema
@@ -97,22 +97,7 @@ class RobustnessSummary:
 
 
 @dataclass(frozen=True)
-class LoopRun:
-    """One run of the closed loop and what was measured on it."""
-
-    gain: float
-    """K_P [N/N]."""
-    trace: ControlTrace
-    settling_steps: int | None
-    """None: it did not settle."""
-    overshoot: float
-    """Largest true F_net above the target [N]."""
-    steady_state_error: float
-    """Target − mean true F_net at the end [N]."""
-
-
-@dataclass(frozen=True)
-class SteeredLoop:
+class LoopResult:
     """The closed loop with one network as its force sensor."""
 
     name: str
@@ -121,11 +106,15 @@ class SteeredLoop:
     """Where its time series lie in the study's folder, and what its tables are named after."""
     shipped: bool
     """Whether it is the network that comes with the package, not one trained here."""
-    steady: Sequence[LoopRun]
-    """One run a constant target."""
-    steps: Sequence[LoopRun]
-    """One run a gain: a target for a while, then 0 N."""
-    poses: UInt8[np.ndarray, "poses height width"]
-    """Camera images along the step response with K_P = 1."""
-    pose_times: Sequence[float]
-    """When they were taken [s]."""
+    trials: Sequence[Trial]
+    """The six of the paper."""
+
+    @property
+    def constant(self) -> list[Trial]:
+        """Those with a constant target."""
+        return [trial for trial in self.trials if not trial.released]
+
+    @property
+    def steps(self) -> list[Trial]:
+        """The step responses: a target for a while, then 0 N."""
+        return [trial for trial in self.trials if trial.released]

@@ -7,20 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from pydantic import TypeAdapter
 
 from exosight.app.console import progress, to_json
+from exosight.app.control_figures import stress_figure
 from exosight.app.nominal import camera_for
 from exosight.control import ControllerConfig, Guarded, OnnxEstimator, Proportional, Scheduled
 from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import draw_episode
 from exosight.control.stress.frames import Look, camera_sensor, true_sensor
-from exosight.control.stress.measures import RELEASE_SECONDS, Measured, measure_episode, summary
+from exosight.control.stress.measures import Measured, measure_episode, summary
 from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
-from exosight.evaluation import Column, Table, figures
-from exosight.evaluation.figures.stress import Spread
+from exosight.evaluation import Column, Table
+from exosight.evaluation.figures import to_svg
 from exosight.exosuit.published import PublishedDesigns
 from exosight.files import as_csv, write_new_file
 from exosight.system.designs import DesignSet
@@ -95,28 +95,7 @@ def write_stress(outcomes: Mapping[str, Outcome], found: Mapping[str, Any], fold
     for name, outcome in outcomes.items():
         file = re.sub(r"\W+", "_", name)
         write_new_file(folder / f"{file}.csv", _rows(outcome.measured).encode())
-    write_new_file(folder / "stress.svg", figures.to_svg(draw(found)))
-
-
-def draw(found: Mapping[str, Any]) -> Figure:
-    """How the episodes are spread; `found` as `results` gives it."""
-
-    def spread(label: str, field: str, limit: float | None, largest: float) -> Spread:
-        values = {
-            name: np.array(told["percentiles"][field], dtype=float)  # None becomes NaN
-            for name, told in found["controllers"].items()
-        }
-        return Spread(label, values, limit, largest)
-
-    limit = found["about"]["contact_limit"]
-    return figures.stress(
-        [
-            spread("steps to settle at a constant target [-]", "settling_steps", None, 25.0),
-            spread("overshoot of a constant target [%]", "overshoot_percent", None, 100.0),
-            spread("largest force on one contact [N]", "largest_contact", limit, 3 * (limit or 0.5)),
-            spread("time from the target's drop to release [s]", "release_seconds", RELEASE_SECONDS, 1.5),
-        ]
-    )
+    write_new_file(folder / "stress.svg", to_svg(stress_figure(found)))
 
 
 def stress_table(found: Mapping[str, Any]) -> Table:

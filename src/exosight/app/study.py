@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from exosight.app.console import progress, say
-from exosight.app.control_command import run_trials, write_trials
+from exosight.app.control_command import run_with_progress, write_trials
 from exosight.app.data import Data, load
 from exosight.app.output import new_folder
 from exosight.app.pipeline import MODEL, camera_of, check_training, fit
 from exosight.app.report import write_report, write_tables
-from exosight.app.results import Judgement, RobustnessSummary, SteeredLoop, TrainingRun
+from exosight.app.results import Judgement, LoopResult, RobustnessSummary, TrainingRun
 from exosight.app.study_config import CONFIG, PRESETS, RunConfig, StudyConfig, read_config, to_text
-from exosight.app.study_report import Results, build_report, steered_loop
-from exosight.control import CONTROL_SHAPE, ControllerStudy, OnnxEstimator, from_image
+from exosight.app.study_report import Results, build_report
+from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials
 from exosight.control.estimator import DEFAULT_MODEL
 from exosight.dataset import Split, make_split
 from exosight.dataset.config import GenerateConfig
@@ -143,27 +143,26 @@ def _robustness(
 
 
 def _closed_loops(
-    config: StudyConfig, steering: OnnxEstimator, camera: Camera, folder: Path
-) -> list[SteeredLoop]:
+    config: StudyConfig, first: OnnxEstimator, camera: Camera, folder: Path
+) -> list[LoopResult]:
     """The paper's trials with the first network, and with the shipped one where it fits the camera."""
-    first = config.runs[0]
-    trials = _closed_loop(config, steering, f"{first.folder}/{MODEL}", folder / "control")
-    loops = [steered_loop(first.name, first.folder, trials, shipped=False)]
+    run = config.runs[0]
+    loops = [(run.name, run.folder, first, f"{run.folder}/{MODEL}", folder / "control")]
     shipped = OnnxEstimator.load(DEFAULT_MODEL, threads=2)
     if camera_of(shipped.card) == camera:
-        trials = _closed_loop(config, shipped, DEFAULT_MODEL.name, folder / "control_shipped")
-        loops.append(steered_loop("shipped network", "shipped", trials, shipped=True))
-    return loops
-
-
-def _closed_loop(config: StudyConfig, estimator: OnnxEstimator, model: str, folder: Path) -> ControllerStudy:
-    camera = camera_of(estimator.card)
-    system = published(_exosuit(config.data), camera)
-    trials = run_trials(system, from_image(estimator, system.schema))
-    if not folder.exists():
-        with new_folder(folder) as place:
-            write_trials(trials, model, camera, place)
-    return trials
+        place = folder / "control_shipped"
+        loops.append(("shipped network", "shipped", shipped, DEFAULT_MODEL.name, place))
+    results = []
+    for name, short, estimator, model, place in loops:
+        seen_by = camera_of(estimator.card)
+        system = published(_exosuit(config.data), seen_by)
+        measure = from_image(estimator, system.schema)
+        trials = run_with_progress(system, measure, published_trials())
+        if not place.exists():
+            with new_folder(place) as part:
+                write_trials(trials, model, seen_by, part)
+        results.append(LoopResult(name, short, short == "shipped", trials))
+    return results
 
 
 def _exosuit(config: GenerateConfig) -> Exosuit:

@@ -16,14 +16,13 @@ from exosight.app.report import Report
 from exosight.app.results import (
     DataSummary,
     Judgement,
-    LoopRun,
+    LoopResult,
     PathSummary,
     RobustnessSummary,
-    SteeredLoop,
     TrainingRun,
 )
 from exosight.app.study_config import SPLIT_WORDS, StudyConfig, to_text
-from exosight.control import ControllerStudy, OnnxEstimator, Trial
+from exosight.control import OnnxEstimator
 from exosight.dataset import Split
 from exosight.dataset.load_paths import load_path
 from exosight.evaluation import figures
@@ -60,7 +59,7 @@ class Results:
     robustness: RobustnessSummary
     steering: OnnxEstimator
     """The first network, for the overview."""
-    loops: Sequence[SteeredLoop]
+    loops: Sequence[LoopResult]
     exosuit: Exosuit
     """That of the closed loop, for the pictures of how it moves."""
 
@@ -93,40 +92,6 @@ def build_report(results: Results, command: str) -> Report:
             chapters.remake(command, to_text(results.config), seed, versions),
         ),
         footer=f"exosight {exosight.__version__}, seed {seed}",
-    )
-
-
-def steered_loop(name: str, folder: str, trials: ControllerStudy, shipped: bool) -> SteeredLoop:
-    """The trials of one network in the terms of the report."""
-    # The paper's own figure shows the poses of K_P = 1.
-    shown = min(trials.step_responses, key=lambda trial: abs(_gain(trial) - 1)).record
-    moments = np.linspace(0, len(shown.time) - 1, 6).round().astype(int)
-    return SteeredLoop(
-        name=name,
-        folder=folder,
-        shipped=shipped,
-        steady=[_loop_run(trial) for trial in trials.steady_states],
-        steps=[_loop_run(trial) for trial in trials.step_responses],
-        poses=shown.images[moments],
-        pose_times=shown.time[moments].tolist(),
-    )
-
-
-def _gain(trial: Trial) -> float:
-    """K_P [N/N]; the paper's controller has no other law."""
-    assert trial.gain is not None
-    return trial.gain
-
-
-def _loop_run(trial: Trial) -> LoopRun:
-    """A trial in the terms of the report."""
-    settled = trial.response.settling_steps
-    return LoopRun(
-        gain=_gain(trial),
-        trace=trial.record,
-        settling_steps=int(settled) if np.isfinite(settled) else None,
-        overshoot=trial.response.overshoot,
-        steady_state_error=trial.response.steady_state_error,
     )
 
 

@@ -7,7 +7,7 @@ calibration       a network corrected by its errors on one system (needs JAX: `e
 batch             many simulated plants side by side (needs JAX: `exosight.control.batch`)
 frame_history     inputs of a network beside the next image: earlier ones, u
 laws              from target and measured force to the next actuation
-loop              measure, ask the law, actuate, step after step
+loop              measure, evaluate the law, actuate, step after step
 paths             the model of a plant that a controller has: paths of readings up and down, limits
 scheduled         a law with the gains of those paths, and limits on actuation and on every contact
 tuning            those paths from a simulation (needs JAX: `exosight.control.tuning`)
@@ -32,12 +32,11 @@ from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import Observation, Plant
 from exosight.control.responses import Response, measure_response
 from exosight.control.scheduled import Scheduled
-from exosight.control.trials import CONTROL_SHAPE, ControllerStudy, Trial, run_trial, study
+from exosight.control.trials import CONTROL_SHAPE, Trial, published_trials, run_trials
 
 __all__ = [
     "CONTROL_SHAPE",
     "ControllerConfig",
-    "ControllerStudy",
     "Estimator",
     "ForcePath",
     "GuardConfig",
@@ -63,10 +62,10 @@ __all__ = [
     "hold_and_release",
     "measure_response",
     "measurement_from",
+    "published_trials",
     "run",
     "run_guarded",
-    "run_trial",
-    "study",
+    "run_trials",
     "true_measurement",
     "true_reading",
 ]

@@ -1,9 +1,6 @@
-"""Trials of the closed loop: targets that are held and released, and the paper's study of one exosuit.
+"""Trials of the closed loop: targets that are held and released, among them the six of the paper."""
 
-The paper's: three constant targets and three step responses of the published system's F_net.
-"""
-
-from collections.abc import Callable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +13,7 @@ from exosight.control.responses import Response, measure_response
 from exosight.exosuit.shapes import ExosuitShape, Linear
 
 CONTROL_SHAPE = ExosuitShape(Linear(r0=0.010, r1=0.005), length=0.095)
-"""The published system's exosuit in the paper's study: a taper from 1 cm to 0.5 cm over 9.5 cm."""
+"""The published system's exosuit in the paper's trials: a taper from 1 cm to 0.5 cm over 9.5 cm."""
 
 STEADY_STATE_TARGETS = (0.25, 0.30, 0.35)
 """Constant targets F_t [N]."""
@@ -33,6 +30,10 @@ STEP_GAINS = (0.1, 1.0, 100.0)
 """K_P of the step responses [N/N]."""
 
 
+Asked = tuple[float, Float[np.ndarray, " _"]]
+"""Gain K_P [the channel's unit per that of the sensor], and the target of each step [the sensor's unit]."""
+
+
 @dataclass(frozen=True)
 class Trial:
     """One run and what was measured on its true readings."""
@@ -42,53 +43,38 @@ class Trial:
     record: Record
     response: Response
 
+    @property
+    def released(self) -> bool:
+        """Whether the target ends at 0: a step response."""
+        return bool(self.record.target[-1] == 0)
 
-@dataclass(frozen=True)
-class ControllerStudy:
-    """The six runs of the paper."""
-
-    steady_states: tuple[Trial, ...]
-    """One a target of STEADY_STATE_TARGETS."""
-    step_responses: tuple[Trial, ...]
-    """One a gain of STEP_GAINS."""
+    @property
+    def settling_steps(self) -> int | None:
+        """Steps until the sensor stays within 5 % of the target; None if it never does."""
+        steps = self.response.settling_steps
+        return int(steps) if np.isfinite(steps) else None
 
 
-def run_trial(
+def published_trials() -> list[Asked]:
+    """The paper's six: constant targets, then step responses."""
+    step = hold_and_release(STEP_TARGET, round(STEP_SECONDS * RATE))
+    constant = [(STEADY_STATE_GAIN, hold(force, STEADY_STATE_STEPS)) for force in STEADY_STATE_TARGETS]
+    return [*constant, *((gain, step) for gain in STEP_GAINS)]
+
+
+def run_trials(
     plant: Plant,
-    law: Proportional,
     measure: Measure,
-    target: Float[np.ndarray, " steps"],
+    asked: Iterable[Asked],
     sensor: str | None = None,
     channel: str | None = None,
-) -> Trial:
-    """One run of the paper's law from rest, measured on the true readings; arguments as for `run`.
+) -> Iterator[Trial]:
+    """Trials of the paper's law, each from rest, yielded as they finish; arguments as for `run`.
 
-    target   (steps,)  one value above 0, perhaps released, as `measure_response` takes it
+    asked   targets of one value above 0, perhaps released, as `measure_response` takes them
     """
-    record = run(plant, law, measure, target, sensor, channel)
-    response = measure_response(record.time, record.target, record.true, record.command, record.driven)
-    return Trial(law.gain, record, response)
-
-
-def study(
-    plant: Plant, measure: Measure, done: Callable[[Trial], None] = lambda trial: None
-) -> ControllerStudy:
-    """The six runs of the paper, each from rest, with the paper's law.
-
-    plant    in the paper an `exosight.control.simulated.SimulatedPlant` of an exosuit with CONTROL_SHAPE
-    measure  `from_image(estimator, plant.schema)`, or `true_reading()` for a perfect sensor
-    done     called with each run as it finishes
-    """
-
-    def trial(gain: float, target: Float[np.ndarray, " steps"]) -> Trial:
-        finished = run_trial(plant, Proportional(gain, plant.schema.channels[0]), measure, target)
-        done(finished)
-        return finished
-
-    steps = hold_and_release(STEP_TARGET, round(STEP_SECONDS * RATE))
-    return ControllerStudy(
-        steady_states=tuple(
-            trial(STEADY_STATE_GAIN, hold(force, STEADY_STATE_STEPS)) for force in STEADY_STATE_TARGETS
-        ),
-        step_responses=tuple(trial(gain, steps) for gain in STEP_GAINS),
-    )
+    driven = plant.schema.channel(channel)
+    for gain, target in asked:
+        record = run(plant, Proportional(gain, driven), measure, target, sensor, channel)
+        response = measure_response(record.time, record.target, record.true, record.command, record.driven)
+        yield Trial(gain, record, response)

@@ -1,16 +1,15 @@
 """How good an estimator is: numbers, tables and figures, of the published system beside the paper's.
 
-metrics                     RMSE, RMS% of range and Pearson's r of every output
-details                     R², contact or none, rare errors, loading against unloading
-coverage                    whether intervals hold what they promise
-ood_detection               whether the OOD score tells images apart
-robustness                  estimates from noisy and low-contrast images
-baselines                   what is known of the outputs without an image
-published                   the paper's results
-published_identifiability   of the published system: the smallest force that one view resolves
-naming                      names and units by the schema
-tables                      rows with units, for report, terminal, CSV and JSON
-figures                     what the paper shows, and what it does not
+metrics         RMSE, RMS% of range and Pearson's r of every output
+details         R², contact or none, rare errors, loading against unloading
+coverage        whether intervals hold what they promise
+ood_detection   whether the OOD score tells images apart
+robustness      estimates from noisy and low-contrast images
+baselines       what is known of the outputs without an image
+published       the paper's results
+naming          names and units by the schema
+tables          rows with units, for report, terminal, CSV and JSON
+figures         what the paper shows, and what it does not
 """
 
 from exosight.evaluation.baselines import evaluate_baselines

@@ -1,20 +1,17 @@
 """The published plant: a soft exosuit clamped above a finger, as one robot of 25 degrees of freedom."""
 
 from dataclasses import dataclass, field, replace
-from functools import partial
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from exosight.arrays import AnyArray, Number, floats
 from exosight.errors import InputError
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape, radius, radius_slope
 from exosight.exosuit.variation import Variant
-from exosight.mechanics import Circular, Gauss, NodalQuadratic, PressureLine, Robot, Rod, SphereContact, walk
+from exosight.mechanics import Circular, Gauss, NodalQuadratic, PressureLine, Robot, Rod, SphereContact
 from exosight.mechanics.contact import Spheres
 
 QUADRATURE = Gauss(elements=5, per_element=8)
@@ -25,11 +22,6 @@ STRAINS = {"bend_y": NodalQuadratic(5), "stretch_x": NodalQuadratic(5)}
 
 ROD = "exosuit"
 """Name of the rod in the robot."""
-
-# The base's pose is I + sin(angle) _TURN + (cos(angle) − 1) _LEVEL + offset _ALONG + height _ABOVE.
-_LEVEL = np.diag([1.0, 0.0, 1.0, 0.0])
-_TURN, _ALONG, _ABOVE = np.zeros((3, 4, 4))
-_TURN[0, 2], _TURN[2, 0], _ALONG[0, 3], _ABOVE[2, 3] = -1.0, 1.0, 1.0, 1.0
 
 MAX_FORCE = 4.0
 """Largest actuation of the published data [N]."""
@@ -108,48 +100,33 @@ def assemble(exosuit: Exosuit) -> Robot:
     Its single load is the actuation u [N]; u > 0 pushes along the line on the surface away from the finger.
     """
     x, shape = QUADRATURE.points, exosuit.shape
-    return assemble_surface(
-        radius(shape.surface, x),
-        radius_slope(shape.surface, x),
-        shape.length,
-        finger=exosuit.finger,
-        young=exosuit.young,
-        contact_stiffness=exosuit.contact_stiffness,
-        gap=exosuit.gap,
-        mount_angle=exosuit.mount_angle,
-        mount_offset=exosuit.mount_offset,
-    )
+    return assemble_surface(radius(shape.surface, x), radius_slope(shape.surface, x), shape.length, exosuit)
 
 
 def assemble_surface(
-    surface: Float[AnyArray, " points"],
-    slope: Float[AnyArray, " points"],
-    length: Number,
-    *,
-    finger: Finger,
-    young: Number,
-    contact_stiffness: Number,
-    gap: Number,
-    mount_angle: Number = 0.0,
-    mount_offset: Number = 0.0,
+    surface: Float[AnyArray, " points"], slope: Float[AnyArray, " points"], length: Number, exosuit: Exosuit
 ) -> Robot:
-    """The same robot for an exosuit of any surface; JAX can differentiate by every number but the finger's.
+    """The same robot for an exosuit of any surface and length; JAX can differentiate by these.
 
     surface   (points,)   S at the points of QUADRATURE [m]
     slope     (points,)   dS/dX there [m]
+    length    of the rod [m]
+    exosuit   gives all but the shape: finger, material, mount
     """
-    height = finger.radii[0] + surface[0] + gap
-    turned = jnp.sin(mount_angle) * _TURN + (jnp.cos(mount_angle) - 1) * _LEVEL
+    finger = exosuit.finger
+    height = finger.radii[0] + surface[0] + exosuit.gap
+    sine, cosine = np.sin(exosuit.mount_angle), np.cos(exosuit.mount_angle)
+    base = [[cosine, 0, -sine, exosuit.mount_offset], [0, 1, 0, 0], [sine, 0, cosine, height], [0, 0, 0, 1]]
     rod = Rod(
         ROD,
         length,
         Circular(surface),
-        young=young,
+        young=exosuit.young,
         poisson=0.5,
         density=1070.0,
         strains=STRAINS,
         quadrature=QUADRATURE,
-        mount=np.eye(4) + turned + mount_offset * _ALONG + height * _ABOVE,
+        mount=jnp.array(base),
     )
     links = finger.links()
     dorsal = np.array([0.0, 0.0, 1.0])
@@ -165,66 +142,6 @@ def assemble_surface(
             tuple((link.name, site) for link in links for site in range(link.frames)),
             floats(finger.sphere_radii()),
         ),
-        stiffness=floats(contact_stiffness),
+        stiffness=floats(exosuit.contact_stiffness),
     )
     return Robot((rod, *links), (line, contact))
-
-
-class Pose(eqx.Module):
-    """A worn exosuit at one equilibrium, in the terms of the paper; leading batch dimensions allowed.
-
-    forces        (*batch, 8)           magnitude of the summed contact force on C0…C7 [N]
-    net_force     (*batch,)             F_net: the sum over C1…C7 [N]
-    pushes        (*batch, 8, 3)        the summed contact force on C0…C7 itself [N]
-    spheres       (*batch, 8, 3)        centres of the finger's spheres C0…C7 [m]
-    joint_angles  (*batch, hinges)      flexion [rad]
-    centreline    (*batch, points, 3)   the exosuit's axis [m]
-    finger        (*batch, links + 1, 3)  joints and tip [m]
-    tip_angle     (*batch,)             inclination of the exosuit's tip in the x–z plane [rad]: negative
-                                        downwards, counted through full turns
-    """
-
-    forces: Float[AnyArray, "*batch spheres"]
-    net_force: Float[AnyArray, "*batch"]
-    pushes: Float[AnyArray, "*batch spheres 3"]
-    spheres: Float[AnyArray, "*batch spheres 3"]
-    joint_angles: Float[AnyArray, "*batch hinges"]
-    centreline: Float[AnyArray, "*batch points 3"]
-    finger: Float[AnyArray, "*batch nodes 3"]
-    tip_angle: Float[AnyArray, "*batch"]
-
-    @property
-    def axes(self) -> dict[str, Float[AnyArray, "*batch nodes 3"]]:
-        """Axes of the tubes of `exosight.exosuit.published`, by their names [m]."""
-        return {"finger": self.finger, "exosuit": self.centreline}
-
-
-@eqx.filter_jit
-def observe(robots: Robot, q: Float[AnyArray, "robots loads dofs"]) -> Pose:
-    """Forces and shape of stacked robots at coordinates q (see `exosight.mechanics.stack`)."""
-    return jax.vmap(lambda robot, path: jax.vmap(partial(_observe, robot))(path))(robots, jnp.asarray(q))
-
-
-def _observe(robot: Robot, q: Float[Array, " dofs"]) -> Pose:
-    motion = walk(robot, q)
-    contact = next(term for term in robot.terms if isinstance(term, SphereContact))
-    _, force = contact.forces(robot, motion.position)
-    squared = jnp.sum(force**2, axis=-1)
-    pressed = squared > 0  # the root of 0 has no derivative, but a sphere that touches nothing has: 0
-    forces = jnp.where(pressed, jnp.sqrt(jnp.where(pressed, squared, 1.0)), 0.0)
-    links = [body for body in robot.bodies if body.name != ROD]
-    joints = jnp.concatenate([q[robot.dof_slice(link.name)] for link in links])
-    bases = jnp.stack([motion.position[robot.frame_slice(link.name)][0] for link in links])
-    rod = robot[ROD]
-    assert isinstance(rod, Rod)
-    (steps,) = motion[ROD].steps
-    return Pose(
-        forces=forces,
-        net_force=forces[1:].sum(),
-        pushes=force,
-        spheres=motion.position[np.array(contact.second.index(robot))],
-        joint_angles=joints,
-        centreline=motion.position[robot.frame_slice(ROD)],
-        finger=jnp.concatenate([bases, motion[links[-1].name].end[:3, 3][None]]),
-        tip_angle=jnp.arctan2(rod.mount[2, 0], rod.mount[0, 0]) - steps.curvature.twist[:, 1].sum(),
-    )

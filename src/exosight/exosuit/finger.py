@@ -10,9 +10,6 @@ import numpy as np
 from exosight.errors import InputError
 from exosight.mechanics import Link, Revolute
 
-SPHERES = tuple(f"C{i}" for i in range(8))
-"""The finger's spheres: at the base and the centre of mass of each link, base link first."""
-
 JOINT_LIMIT_STIFFNESS = 5.0
 """Quadratic penalty beyond a joint's range [N m/rad]; not printed in the paper."""
 

@@ -10,10 +10,11 @@ from jaxtyping import Bool
 from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.exosuit.assembly import MAX_FORCE, ROD, Exosuit, assemble, varied
+from exosight.exosuit.finger import Finger
 from exosight.exosuit.scenarios import SCENARIOS, geometry, sample_shapes
 from exosight.exosuit.shapes import FAMILIES, TABLE_I, ExosuitShape, shape_from_dict, shape_to_dict
 from exosight.exosuit.variation import PlantVariation, Variant, draw_variant
-from exosight.mechanics import PressureLine, SphereContact
+from exosight.mechanics import PressureLine, Robot, SphereContact
 from exosight.system.camera import Camera
 from exosight.system.design import Design
 from exosight.system.designs import Filter
@@ -44,7 +45,11 @@ def published(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINA
     but C0 are estimated; F_net, their sum; angle_1 …, the flexion of the hinges.
     """
     worn = exosuit if isinstance(exosuit, Exosuit) else Exosuit(exosuit)
-    robot = assemble(worn)
+    return system_of(assemble(worn), worn.finger, camera)
+
+
+def system_of(robot: Robot, finger: Finger, camera: Camera = NOMINAL_CAMERA) -> System:
+    """The same for a robot of `assemble_surface`; JAX can differentiate by the robot's numbers."""
     line = next(term for term in robot.terms if isinstance(term, PressureLine))
     contact = next(term for term in robot.terms if isinstance(term, SphereContact))
     links = [body.name for body in robot.bodies if body.name != ROD]
@@ -55,7 +60,7 @@ def published(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINA
     )
     hinges = tuple(
         JointAngle(SensorSpec(f"angle_{i + 1}", "joint angle", "rad"), links[i])
-        for i in range(len(worn.finger.joint_stiffness))
+        for i in range(len(finger.joint_stiffness))
     )
     return System(
         name=NAME,
@@ -64,7 +69,7 @@ def published(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINA
             TubeSurface(
                 "finger",
                 (*((link, 0) for link in links), (links[-1], "end")),
-                floats(worn.finger.radii),
+                floats(finger.radii),
                 FINGER_SHADE,
             ),
             TubeSurface(

@@ -5,12 +5,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from exosight.errors import InputError
-from exosight.exosuit.assembly import Exosuit, Pose, assemble, observe
-from exosight.mechanics import Equilibria, drive, stack
+from exosight.exosuit.assembly import ROD, Exosuit
+from exosight.exosuit.published import published
+from exosight.mechanics import Equilibria, Robot, Rod, drive, walk
+from exosight.system.observation import Observation, observe
+from exosight.system.schema import Schema
+from exosight.system.system import stack_systems
 
 MAX_LOAD = 50.0
 """Largest load that is simulated [N]: far beyond where an exosuit of silicone keeps its shape."""
@@ -24,12 +29,24 @@ class Simulation:
     """Actuation [N]."""
     equilibria: Equilibria
     """Convergence, stability and coordinates, each of shape (loads, …)."""
-    pose: Pose
-    """Forces and shape, each of shape (loads, …)."""
+    observation: Observation
+    """Readings and positions, each of shape (loads, …)."""
+    tip_angle: Float[np.ndarray, " loads"]
+    """Inclination of the exosuit's tip in the x–z plane [rad]: negative downwards, full turns counted."""
+    schema: Schema
+
+    def reading(self, *sensors: str) -> Float[np.ndarray, "loads ..."]:
+        """Readings of one sensor, such as F_net, or of several, a column each [their units]."""
+        columns = [self.schema.index(sensor) for sensor in sensors]
+        return np.asarray(self.observation.readings)[:, columns[0] if len(columns) == 1 else columns]
 
     def records(self) -> list[dict[str, Any]]:
         """One dictionary of plain numbers a load: newtons, metres, radians."""
-        found, pose = self.equilibria, self.pose
+        found, axes = self.equilibria, self.observation.axes
+        forces, angles = (
+            [sensor.name for sensor in self.schema.sensors if sensor.quantity == quantity]
+            for quantity in ("contact force", "joint angle")
+        )
         return [
             {
                 "u": float(self.u[i]),
@@ -37,11 +54,11 @@ class Simulation:
                 "residual": float(found.residual[i]),
                 "min_eigenvalue": float(found.min_eigenvalue[i]),
                 "iterations": int(found.iterations[i]),
-                "forces": np.asarray(pose.forces[i]).tolist(),
-                "F_net": float(pose.net_force[i]),
-                "joint_angles": np.asarray(pose.joint_angles[i]).tolist(),
-                "rod_tip": [*np.asarray(pose.centreline[i, -1, ::2]).tolist(), float(pose.tip_angle[i])],
-                "finger_tip": np.asarray(pose.finger[i, -1, ::2]).tolist(),
+                "forces": self.reading(*forces)[i].tolist(),
+                "F_net": float(self.reading("F_net")[i]),
+                "joint_angles": self.reading(*angles)[i].tolist(),
+                "rod_tip": [*axes["exosuit"][i, -1, ::2].tolist(), float(self.tip_angle[i])],
+                "finger_tip": axes["finger"][i, -1, ::2].tolist(),
             }
             for i in range(len(self.u))
         ]
@@ -61,17 +78,28 @@ def simulate(exosuit: Exosuit, loads: Sequence[float]) -> Simulation:
     wrong = u[~(np.abs(u) <= MAX_LOAD)]  # NaN is caught here too
     if wrong.size:
         raise InputError(f"u: expected finite loads within ±{MAX_LOAD:g} N, got {wrong[0]:g}")
-    robot = assemble(exosuit)
+    system = published(exosuit)
     rising, falling = np.unique(u[u >= 0]), np.unique(u[u < 0])[::-1]
-    parts = [drive([robot], side[:, None]) for side in (rising, falling) if side.size]
+    parts = [drive([system.robot], side[:, None]) for side in (rising, falling) if side.size]
     found = jax.tree.map(lambda *leaves: np.concatenate([leaf[0] for leaf in leaves]), *parts)
     order = np.concatenate([rising, falling])
     where = [int(np.flatnonzero(order == load)[0]) for load in u]
     found = jax.tree.map(lambda leaf: leaf[where], found)
     # One pose a call: the same compiled code whatever the number of loads.
-    poses = [observe(stack([robot]), found.q[None, i : i + 1]) for i in range(len(u))]
+    stacked = stack_systems([system])
+    seen = [observe(stacked, found.q[None, i : i + 1]) for i in range(len(u))]
     return Simulation(
         u=u,
         equilibria=found,
-        pose=jax.tree.map(lambda *leaves: np.stack([leaf[0, 0] for leaf in leaves]), *poses),
+        observation=jax.tree.map(lambda *leaves: np.stack([leaf[0, 0] for leaf in leaves]), *seen),
+        tip_angle=np.array([_tip_angle(system.robot, jnp.asarray(q)) for q in found.q]),
+        schema=system.schema,
     )
+
+
+@jax.jit
+def _tip_angle(robot: Robot, q: Float[Array, " dofs"]) -> Float[Array, ""]:
+    rod = robot[ROD]
+    assert isinstance(rod, Rod)
+    (steps,) = walk(robot, q)[ROD].steps
+    return jnp.arctan2(rod.mount[2, 0], rod.mount[0, 0]) - steps.curvature.twist[:, 1].sum()

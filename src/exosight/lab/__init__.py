@@ -4,9 +4,8 @@ The page holds no physics. Every answer follows from one request alone (there ar
 number of open pages are right at the same time, and what is seen can be made again from the command line.
 
 settings            what a page may ask for: one view, one path, one run of the closed loop
-designs             what of a system file can be set: a slider for each entry that varies
-published_design    what of the published system can be set, with bounds
-published_controls  its sliders
+designs             values of a design that can be set, with sliders; those of a system file
+published_designs   those of the published system
 system              the system that is shown, its commands, and the network that looks at it
 controls            how the page shows all that: labels, units, steps
 pose_cache          equilibria of systems along the moves that they are driven by, remembered

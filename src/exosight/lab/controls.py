@@ -7,7 +7,7 @@ import pydantic
 
 from exosight import __version__
 from exosight.control.estimator import OnnxEstimator
-from exosight.lab.designs import Group, Slider
+from exosight.lab.designs import Slider
 from exosight.lab.settings import Corruption, Disturbance, Law, Look, LoopSettings, Measured, View
 from exosight.lab.system import LabSystem
 from exosight.lab.views import zones_of
@@ -74,7 +74,7 @@ def about(lab: LabSystem, start: View) -> dict[str, Any]:
         "controlled": schema.controlled,
         "scene": _scene(system),
         "network": _network(lab.network, lab.refusal),
-        "design": [_group(group) for group in lab.controls.groups],
+        "design": [asdict(group) for group in lab.controls.groups],
         "look": [asdict(_bounded(Look, *words)) for words in _LOOK],
         "corruptions": _options(get_args(Corruption), _CORRUPTION_WORDS),
         "run": _run(lab),
@@ -113,32 +113,14 @@ def _network(network: OnnxEstimator, refusal: str | None) -> dict[str, Any]:
     }
 
 
-def _group(group: Group) -> dict[str, Any]:
-    choice = group.choice
-    return {
-        "name": group.name,
-        "sliders": [asdict(slider) for slider in group.sliders],
-        "choice": None
-        if choice is None
-        else {
-            "key": choice.key,
-            "label": choice.label,
-            "options": [
-                {"name": name, "label": label, "sliders": [asdict(slider) for slider in sliders]}
-                for name, label, sliders in choice.options
-            ],
-        },
-    }
-
-
 def _run(lab: LabSystem) -> dict[str, Any]:
     """The settings of a run; the target's bounds follow from a path, see `path_answer`."""
     measured = get_args(Measured) if lab.refusal is None else ("true",)
     nominal = LoopSettings()
     unit = max(abs(grid.command(grid.peak)) for grid in lab.grids) / 4
-    gain = Slider("gain", "Gain K_P", "", 1.0, 0.05 * unit, 200.0 * unit, 0.01 * unit, nominal.gain * unit)
+    gain = Slider("gain", "Gain K_P", "", 0.05 * unit, 200.0 * unit, 0.01 * unit, nominal.gain * unit)
     return {
-        "target": asdict(Slider("target", "Target", "", 1.0, 0.02, 1.0, 0.01, nominal.target)),
+        "target": asdict(Slider("target", "Target", "", 0.02, 1.0, 0.01, nominal.target)),
         "gain": {**asdict(gain), "log": True},
         "laws": _options(get_args(Law), _LAW_WORDS),
         "measured": _options(measured, _MEASURED_WORDS),
@@ -148,7 +130,7 @@ def _run(lab: LabSystem) -> dict[str, Any]:
 
 def _bounded(kind: type, key: str, label: str, unit: str, scale: float, step: float) -> Slider:
     bound = pydantic.TypeAdapter(kind).json_schema()["properties"][key]
-    return Slider(key, label, unit, scale, bound["minimum"], bound["maximum"], step, getattr(kind(), key))
+    return Slider(key, label, unit, bound["minimum"], bound["maximum"], step, getattr(kind(), key), scale)
 
 
 def _options(names: tuple[str, ...], words: dict[str, str]) -> list[dict[str, str]]:

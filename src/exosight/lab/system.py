@@ -8,9 +8,9 @@ from pathlib import Path
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.errors import InputError
 from exosight.exosuit.catalogue import find_system
-from exosight.lab.designs import DesignControls, FileControls, key_of
+from exosight.lab.designs import DesignControls, file_controls, key_of
 from exosight.lab.pose_cache import CachedSystem, Drive, Grid, Move, PoseCache, grid_of
-from exosight.lab.published_controls import PublishedControls
+from exosight.lab.published_designs import published_controls
 from exosight.lab.settings import Look, LoopSettings, PathSettings, View
 from exosight.system.designs import DesignSet, FileDesigns
 from exosight.system.schema import Schema, SensorSpec, difference
@@ -109,7 +109,8 @@ class LabSystem:
         words = ["exosight", "lab"]
         words += [] if self.name == PUBLISHED else ["--system", self.name]
         words += [] if self.model is None else ["--model", str(self.model)]
-        words += self.controls.words(view.design)
+        changed = self.controls.changed(view.design)
+        words += ["--vary", *changed] if changed else []
         if view.drive != self.start.drive:
             commands = [command for stop in view.drive for command in stop] or [0.0] * len(self.grids)
             words += ["--drive", *(f"{command:.10g}" for command in commands)]
@@ -128,7 +129,7 @@ def open_system(name: str = PUBLISHED, model: Path | None = None) -> LabSystem:
     Raises InputError or DataError for a system or a network that cannot be used.
     """
     designs = find_system(name)
-    controls = FileControls(designs) if isinstance(designs, FileDesigns) else PublishedControls()
+    controls = file_controls(designs) if isinstance(designs, FileDesigns) else published_controls()
     network = OnnxEstimator.load(DEFAULT_MODEL if model is None else model, alone=True)
     grids = tuple(grid_of(channel) for channel in controls.schema.channels)
     return LabSystem(name, designs, controls, grids, network, model, _refusal(network, controls.schema))

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from exosight.app.control_figures import steady_states, step_responses
 from exosight.app.report import Picture, Section
-from exosight.app.results import LoopRun, SteeredLoop
+from exosight.app.results import LoopResult
+from exosight.control import Trial
 from exosight.evaluation import figures, published
 from exosight.evaluation.tables import OURS, PAPER, Cell, Column, Table
 
@@ -16,9 +18,12 @@ _SHIPPED = (
 )
 
 
-def closed_loop(loop: SteeredLoop) -> Section:
+def closed_loop(loop: LoopResult) -> Section:
     """Show the controller with an estimator as its force sensor, beside the paper's results."""
-    steady, steps = loop.steady, loop.steps
+    constant, steps = loop.constant, loop.steps
+    # The paper's own figure shows the poses of K_P = 1.
+    shown = min(steps, key=lambda trial: abs(trial.gain - 1)).record
+    moments = np.linspace(0, len(shown.time) - 1, 6).round().astype(int)
     return Section(
         f"In closed loop: {loop.name}",
         (
@@ -27,44 +32,44 @@ def closed_loop(loop: SteeredLoop) -> Section:
             "the simulation and is drawn for comparison, but the controller never sees it.",
             *((_SHIPPED,) if loop.shipped else ()),
             Picture(
-                figures.steady_states([run.trace for run in steady]),
-                f"Constant targets, K_P = {steady[0].gain:g}. Above: the true force of the simulation and "
+                steady_states([trial.record for trial in constant]),
+                f"Constant targets, K_P = {constant[0].gain:g}. Above: the true force of the simulation and "
                 "the force that the network read from the images. Below: the actuation; the dotted line is "
                 "the largest one in the training data.",
                 "Line plots over time of true and estimated F_net for each target, and of the actuation "
                 "below.",
             ),
-            _steady_table(steady, loop.folder),
+            _constant_table(constant, loop.folder),
             Picture(
-                figures.step_responses({run.gain: run.trace for run in steps}),
+                step_responses({trial.gain: trial.record for trial in steps}),
                 "Step responses: the target is held, then switched to 0 N. Error: target minus estimate, as "
                 "the controller sees it.",
                 "Line plots over time of F_net, error and actuation, a line for each gain.",
             ),
             Picture(
-                figures.pose_strip(loop.poses, [f"t = {time:g} s" for time in loop.pose_times]),
+                figures.pose_strip(shown.images[moments], [f"t = {t:g} s" for t in shown.time[moments]]),
                 "Camera images along the step response with K_P = 1.",
-                f"{len(loop.poses)} gray images of finger and exosuit during the step response.",
+                f"{len(moments)} gray images of finger and exosuit during the step response.",
             ),
             _step_table(steps, loop.folder),
         ),
     )
 
 
-def target_of(run: LoopRun) -> float:
-    """Return the target of a run with a constant one [N]."""
-    return float(run.trace.target[0])
+def target_of(trial: Trial) -> float:
+    """The target before it is released [N]."""
+    return float(trial.record.target[0])
 
 
-def published_steps(run: LoopRun) -> int | None:
+def published_steps(trial: Trial) -> int | None:
     """Return the steps that the paper's controller took to settle at this target, if it had it."""
     for paper in published.STEADY_STATES_PUBLISHED:
-        if np.isclose(paper.target, target_of(run)):
+        if np.isclose(paper.target, target_of(trial)):
             return paper.settling_steps
     return None
 
 
-def _steady_table(runs: Sequence[LoopRun], suffix: str) -> Table:
+def _constant_table(trials: Sequence[Trial], suffix: str) -> Table:
     columns = (
         Column("target", "N", digits=2),
         Column(OURS, "", "steps to settle"),
@@ -75,16 +80,17 @@ def _steady_table(runs: Sequence[LoopRun], suffix: str) -> Table:
     )
     rows = tuple(
         (
-            *(target_of(run), run.settling_steps, published_steps(run)),
-            *(run.overshoot, run.steady_state_error, float(run.trace.command.max())),
+            *(target_of(trial), trial.settling_steps, published_steps(trial)),
+            *(trial.response.overshoot, trial.response.steady_state_error),
+            float(trial.record.command.max()),
         )
-        for run in runs
+        for trial in trials
     )
     note = "Measured on the true force. A dash: not settled within the run, or not tested in the paper."
     return Table(f"steady_states_{suffix}", "Constant targets", columns, rows, note)
 
 
-def _step_table(runs: Sequence[LoopRun], suffix: str) -> Table:
+def _step_table(trials: Sequence[Trial], suffix: str) -> Table:
     columns = (
         Column("K_P"),
         Column("before the switch", "N", "true F_net", 3),
@@ -94,16 +100,16 @@ def _step_table(runs: Sequence[LoopRun], suffix: str) -> Table:
         Column("smallest", "N", "actuation u", 2),
         Column(PAPER),
     )
-    told = {paper.gain: paper.outcome for paper in published.STEPS_PUBLISHED}
+    outcomes = {paper.gain: paper.outcome for paper in published.STEPS_PUBLISHED}
     rows: list[tuple[Cell, ...]] = []
-    for run in runs:
-        trace = run.trace
-        force, held = trace.true, np.flatnonzero(trace.target > 0)
+    for trial in trials:
+        record = trial.record
+        force, held = record.true, np.flatnonzero(record.target > 0)
         rows.append(
             (
-                *(run.gain, float(force[held[-1]]), float(force.max()), float(force[-1])),
-                *(float(trace.command.max()), float(trace.command.min()), told.get(run.gain)),
+                *(trial.gain, float(force[held[-1]]), float(force.max()), float(force[-1])),
+                *(float(record.command.max()), float(record.command.min()), outcomes.get(trial.gain)),
             )
         )
-    caption = f"Step to {target_of(runs[0]):g} N and back to 0 N"
+    caption = f"Step to {target_of(trials[0]):g} N and back to 0 N"
     return Table(f"step_responses_{suffix}", caption, columns, tuple(rows))

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from exosight.app.chapters.loop import published_steps, target_of
 from exosight.app.report import Listing, Points, Section
-from exosight.app.results import Judgement, RobustnessSummary, SteeredLoop, TrainingRun
+from exosight.app.results import Judgement, LoopResult, RobustnessSummary, TrainingRun
 from exosight.evaluation import published
 from exosight.evaluation.naming import span
 from exosight.evaluation.tables import Cell, Column, Table
@@ -14,7 +14,7 @@ def headline(
     runs: Sequence[TrainingRun],
     judgements: Sequence[Judgement],
     robustness: RobustnessSummary,
-    loops: Sequence[SteeredLoop],
+    loops: Sequence[LoopResult],
 ) -> Section:
     """Put the numbers that matter beside the paper's."""
     group = f"mean over {span(judgements[0].schema.outputs)}"
@@ -26,25 +26,25 @@ def headline(
         Column("RMSE", "N", group, 3),
         Column("r, noisy", "", group, 2),
         *(
-            Column(f"{target_of(run):.2f}\N{NO-BREAK SPACE}N", "", "steps to settle at")
-            for run in loops[0].steady
+            Column(f"{target_of(trial):.2f}\N{NO-BREAK SPACE}N", "", "steps to settle at")
+            for trial in loops[0].constant
         ),
     )
-    steered = {loop.name: loop.steady for loop in loops}
+    controlled = {loop.name: loop.constant for loop in loops}
     trained = {run.name: run for run in runs}
     rows: list[tuple[Cell, ...]] = []
     for judgement in judgements:
         run, scores = trained[judgement.name], judgement.scores
         noisy = robustness.cases["noise-medium"].r if judgement.name == robustness.name else None
-        settled = [run.settling_steps for run in steered.get(judgement.name, ())]
+        settled = [trial.settling_steps for trial in controlled.get(judgement.name, ())]
         rows.append(
             (
                 *(judgement.name, run.frames, scores.r, scores.rms_percent, scores.rmse),
-                *(noisy, *(settled or [None] * len(loops[0].steady))),
+                *(noisy, *(settled or [None] * len(loops[0].constant))),
             )
         )
     rows += [
-        (loop.name, *[None] * 5, *(run.settling_steps for run in loop.steady))
+        (loop.name, *[None] * 5, *(trial.settling_steps for trial in loop.constant))
         for loop in loops
         if loop.shipped
     ]
@@ -53,7 +53,7 @@ def headline(
         (
             *("paper, by frame", published.FRAMES_LEARNED),
             *(clean.r, clean.rms_percent, clean.rmse, published.ROBUSTNESS_PUBLISHED["noise-medium"].r),
-            *(published_steps(run) for run in loops[0].steady),
+            *(published_steps(trial) for trial in loops[0].constant),
         )
     )
     note = (

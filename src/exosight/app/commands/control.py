@@ -3,9 +3,10 @@
 from contextlib import nullcontext
 from typing import Annotated
 
+import tyro
 from pydantic import Field
 
-from exosight.app.commands.options import Json, MaybePath, Name, SystemName
+from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import new_folder
 
@@ -13,9 +14,7 @@ Target = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
 def control(
-    system: SystemName = "published",
-    sensor: Name = None,
-    channel: Name = None,
+    loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = NOMINAL_LOOP,
     targets: tuple[Target, ...] = (),
     gains: tuple[Target, ...] = (),
     model: MaybePath = None,
@@ -35,9 +34,7 @@ def control(
       exosight control --system examples/systems/thumb.toml --targets 0.2 0.3
 
     Args:
-        system: name of a preset, or a system file (*.toml)
-        sensor: the one that follows the targets; default: the first net force
-        channel: the one that is driven; default: the first
+        loop: what is driven
         targets: of the sensor [its unit]; default: half of its largest reading within the limits
         gains: K_P [channel's unit per sensor's]; default: half of what the steepest part of the path asks for
         model: exported network, from `exosight train`; without it the sensor is the true reading
@@ -47,29 +44,30 @@ def control(
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
     from exosight.app.control_command import (
-        run_targets,
-        run_trials,
+        held_and_released,
+        run_with_progress,
         summaries,
-        trials_of,
         trials_table,
         write_trials,
     )
     from exosight.app.nominal import nominal_system
-    from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, true_reading
+    from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials, true_reading
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.catalogue import find_system
     from exosight.exosuit.published import PublishedDesigns
 
-    designs = find_system(system)
+    designs = find_system(loop.system)
     estimator = None if model is None else OnnxEstimator.load(model)
     driven = nominal_system(designs, Exosuit(CONTROL_SHAPE), estimator)
-    measure = true_reading(sensor) if estimator is None else from_image(estimator, driven.schema, sensor)
-    papers = isinstance(designs, PublishedDesigns) and not (sensor or channel or targets or gains)
+    measure = (
+        true_reading(loop.sensor) if estimator is None else from_image(estimator, driven.schema, loop.sensor)
+    )
+    if isinstance(designs, PublishedDesigns) and not (loop.sensor or loop.channel or targets or gains):
+        asked = published_trials()
+    else:
+        asked = held_and_released(driven, loop.sensor, loop.channel, targets, gains)
     with new_folder(out) if out is not None else nullcontext() as folder:
-        if papers:
-            trials = trials_of(run_trials(driven, measure))
-        else:
-            trials = run_targets(driven, measure, sensor, channel, targets, gains)
+        trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
         if folder is not None:
             write_trials(trials, model and str(model), driven.camera, folder)
     if out is not None:

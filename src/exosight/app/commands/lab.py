@@ -3,7 +3,7 @@
 import threading
 import webbrowser
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from pydantic import Field
@@ -12,18 +12,15 @@ from exosight.app.commands.options import MaybePath
 from exosight.app.console import say, waiting
 from exosight.app.output import new_folder
 from exosight.errors import InputError
-from exosight.lab.published_design import PublishedDesign, values_of
 from exosight.lab.settings import Finite, Look, View
 
 if TYPE_CHECKING:
     from exosight.lab.system import LabSystem
 
-DEFAULT = PublishedDesign()
 NO_LOOK = Look()
 
 
 def lab(
-    design: Annotated[PublishedDesign, tyro.conf.arg(name="")] = DEFAULT,
     look: Annotated[Look, tyro.conf.arg(name="")] = NO_LOOK,
     system: str = "published",
     model: MaybePath = None,
@@ -41,16 +38,17 @@ def lab(
 
     Examples:
       exosight lab
-      exosight lab --family sine --parameters 0.008 -5 --drive 4 2.4
+      exosight lab --vary family=sine "r0=8 mm" a=-5 --drive 4 2.4
       exosight lab --system thumb.toml --vary "rods.sleeve.young=250 kPa"
       exosight lab --drive 2.4 --out results/view
 
     Args:
-        design: what the page opens with; of the system published
         look: what its camera does
         system: published, or a system file *.toml
         model: network that reads the pictures; by default the one that comes with the package
-        vary: entries of a system file that vary, as ENTRY=VALUE
+        vary: values of the design, as NAME=VALUE: of a system file the entries that vary; of the published
+            system family, its parameters (r0, r1, a, b_0 …), length, young, gap, finger_length,
+            finger_radius and joint_stiffness
         drive: commands driven to one after the other, from rest, one a channel for each stop [the channels'
             units]; the last stop is seen. By default 60 % of the first channel's peak
         host: name or address to listen on
@@ -58,7 +56,7 @@ def lab(
         browser: open the page in the browser
         out: write picture, readings, path and settings of the view to a new folder instead, and end
     """
-    shown, view = _opened(system, model, design, look, vary, drive)
+    shown, view = _opened(system, model, look, vary, drive)
     if out is not None:
         from exosight.lab.saving import write_view
 
@@ -85,27 +83,13 @@ def lab(
 
 
 def _opened(
-    system: str,
-    model: Path | None,
-    design: PublishedDesign,
-    look: Look,
-    vary: tuple[str, ...],
-    drive: tuple[float, ...],
+    system: str, model: Path | None, look: Look, vary: tuple[str, ...], drive: tuple[float, ...]
 ) -> "tuple[LabSystem, View]":
     """The system, and the view that its page opens with; InputError for options that do not fit it."""
-    from exosight.lab.designs import FileControls
     from exosight.lab.system import open_system, stops_of
 
-    values: dict[str, Any] = values_of(design)
     shown = open_system(system, model)
-    if isinstance(shown.controls, FileControls):
-        if values:
-            option = next(iter(values)).replace("_", "-")
-            raise InputError(f"--{option}: only the system published has it; set entries with --vary")
-        values = shown.controls.parse(vary)
-    elif vary:
-        raise InputError("--vary: it is for system files; the system published has options of its own")
     stops = stops_of(drive, len(shown.grids)) if drive else shown.start.drive
-    view = View(values, stops, look)
+    view = View(shown.controls.parse(vary), stops, look)
     shown.check(view)
     return shown, view

@@ -6,7 +6,7 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
-from exosight.app.commands.options import Json, MaybePath, Name, Seed, SystemName
+from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath, Seed
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import new_folder
 from exosight.control.stress import StressConfig
@@ -22,9 +22,7 @@ def stress(
     episodes: Annotated[int, Field(ge=1, le=100_000)] = 1000,
     seed: Seed = 0,
     gains: Gains = None,
-    system: SystemName = "published",
-    sensor: Name = None,
-    channel: Name = None,
+    loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = NOMINAL_LOOP,
     model: MaybePath = None,
     out: MaybePath = None,
     json: Json = None,
@@ -47,10 +45,7 @@ def stress(
         gains: K_P of the paper's law [channel's unit per sensor's], one run each; none: the guarded
             controller alone; default: 5 for the published system's F_net, otherwise half of what the
             steepest part of the path asks for
-        system: name of a preset, or a system file (*.toml), whose `vary` tables are what may be wrong
-            about it
-        sensor: the one that follows the targets; default: the first net force
-        channel: the one that is driven; default: the first
+        loop: what is driven; the `vary` tables of a system file are what may be wrong about it
         model: exported network, from `exosight train`; without it the sensor is the true reading
         out: folder for summary (JSON), every episode (CSV) and figure (SVG); it must not exist
         json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
@@ -60,7 +55,7 @@ def stress(
     from exosight.app.stress import about, prepare, results, run_stress, stress_table, write_stress
     from exosight.exosuit.catalogue import find_system
 
-    plants, look = prepare(find_system(system), model, sensor, channel)
+    plants, look = prepare(find_system(loop.system), model, loop.sensor, loop.channel)
     gains = plants.gains if gains is None else gains
     with new_folder(out) if out is not None else nullcontext() as folder:
         outcomes = run_stress(config, episodes, seed, gains, plants, look)

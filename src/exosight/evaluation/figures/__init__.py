@@ -2,32 +2,25 @@
 
 loading_path, find_snaps, pose_strip                        motion.py
 overview, Outline                                           published.py
-identifiability_map                                         identifiability.py
 loss_curves                                                 learning.py
 sample_traces, predicted_against_true, rainclouds           accuracy.py
 reliability                                                 reliability.py
 corrupted_examples, robustness_bars                         robustness.py
-steady_states, step_responses                               control.py
-stress                                                      stress.py
 to_svg                                                      style.py
 """
 
 from exosight.evaluation.figures.accuracy import predicted_against_true, rainclouds, sample_traces
-from exosight.evaluation.figures.control import steady_states, step_responses
-from exosight.evaluation.figures.identifiability import identifiability_map
 from exosight.evaluation.figures.learning import loss_curves
 from exosight.evaluation.figures.motion import find_snaps, loading_path, pose_strip
 from exosight.evaluation.figures.published import Outline, overview
 from exosight.evaluation.figures.reliability import reliability
 from exosight.evaluation.figures.robustness import corrupted_examples, robustness_bars
-from exosight.evaluation.figures.stress import stress
 from exosight.evaluation.figures.style import to_svg
 
 __all__ = [
     "Outline",
     "corrupted_examples",
     "find_snaps",
-    "identifiability_map",
     "loading_path",
     "loss_curves",
     "overview",
@@ -37,8 +30,5 @@ __all__ = [
     "reliability",
     "robustness_bars",
     "sample_traces",
-    "steady_states",
-    "step_responses",
-    "stress",
     "to_svg",
 ]

@@ -186,21 +186,14 @@ export function explore(about, problem) {
     update();
   }
 
-  /** Sliders of a design's values; one of a list's numbers keeps the others. */
-  function designSliders(specs) {
-    return specs.map((spec) => {
-      const own = spec.place ?? null, start = own === null ? view.design[spec.key] : view.design[spec.key][own];
-      return slider({ ...spec, start }, (value) => redesigned(spec.key, own === null ? value : view.design[spec.key].map((each, i) => (i === own ? value : each)))).element;
-    });
-  }
+  const designSliders = (specs) => specs.map((spec) =>
+    slider({ ...spec, start: view.design[spec.key] }, (value) => redesigned(spec.key, value)).element);
 
   function kinds({ key, label, options }) {
     const chosenNow = options.find(({ name }) => name === view.design[key]);
     const choice = pick(label, options, view.design[key], (name) => {
-      for (const { key: other, place, start } of options.find((each) => each.name === name).sliders) {
-        if (!place) view.design[other] = place === 0 ? [] : start;
-        if (place !== null) view.design[other][place] = start;
-      }
+      for (const { key: old } of chosenNow.sliders) delete view.design[old];
+      for (const { key: other, start } of options.find((each) => each.name === name).sliders) view.design[other] = start;
       redesigned(key, name);
       build();
       by("settings").querySelector("select").focus();

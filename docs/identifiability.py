@@ -1,4 +1,4 @@
-"""What a single view of the published system can tell at best: the smallest force that an outline resolves.
+"""Identifiability: the smallest contact forces that one view of the published system resolves.
 
 An equilibrium depends on numbers p that the picture does not state: the actuation, the exosuit's radius along
 its length, its length, and how stiff everything is. To first order p moves the outline in the picture by J_y
@@ -12,6 +12,7 @@ all: load and every stiffness scaled by one factor leave the pose as it is and s
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -21,11 +22,14 @@ from jaxtyping import Array, Bool, Float
 
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
-from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble_surface, observe
+from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble_surface
 from exosight.exosuit.finger import Finger
+from exosight.exosuit.published import system_of
 from exosight.exosuit.shapes import radius, radius_slope
-from exosight.mechanics import Circular, Robot, Rod, differentiable, drive
+from exosight.mechanics import Robot, differentiable, drive
 from exosight.mechanics.sensitivity import SNAP
+from exosight.system.observation import observe_state
+from exosight.system.system import System
 
 KNOTS = 6
 """Places along the exosuit at which its radius is unknown; straight in between."""
@@ -111,16 +115,16 @@ def sensitivity(exosuit: Exosuit, loads: Float[np.ndarray, " loads"]) -> Sensiti
     grid = np.arange(STEP, loads[-1], STEP)
     path = np.union1d(np.round(grid, 9), loads)
     # Assembled outside of compiled code, where bodies are checked as they are made.
-    robot = _robot(exosuit, np.zeros(len(PARAMETERS)))
-    slopes = jax.jacfwd(lambda p: _robot(exosuit, p))(jnp.zeros(len(PARAMETERS)))
-    found = drive([robot], path[:, None])
+    system = _system(exosuit, np.zeros(len(PARAMETERS)))
+    slopes = jax.jacfwd(lambda p: _system(exosuit, p))(jnp.zeros(len(PARAMETERS)))
+    found = drive([system.robot], path[:, None])
     at = np.searchsorted(path, loads)
     stable = np.asarray(found.converged[0, at] & (found.min_eigenvalue[0, at] > 10 * SNAP))
     forces = np.full((len(loads), FORCES), np.nan)
     outline = np.full((len(loads), OUTLINE, len(PARAMETERS)), np.nan)
     force = np.full((len(loads), FORCES, len(PARAMETERS)), np.nan)
     for k in np.flatnonzero(stable):
-        (outline[k], force[k]), forces[k] = _derivatives(robot, slopes, loads[k], found.q[0, at[k]])
+        (outline[k], force[k]), forces[k] = _derivatives(system, slopes, loads[k], found.q[0, at[k]])
     return Sensitivity(loads, forces, stable, outline, force)
 
 
@@ -153,8 +157,8 @@ def resolved(
     return out
 
 
-def _robot(exosuit: Exosuit, p: Float[AnyArray, " parameters"]) -> Robot:
-    """The robot whose PARAMETERS differ by p from the exosuit's own (u aside)."""
+def _system(exosuit: Exosuit, p: Float[AnyArray, " parameters"]) -> System:
+    """The system whose PARAMETERS differ by p from the exosuit's own (u aside)."""
     _, young, contact, *rest = p
     joints, length, radii = rest[:HINGES], rest[HINGES], jnp.stack(rest[HINGES + 1 :])
     x = QUADRATURE.points
@@ -163,16 +167,18 @@ def _robot(exosuit: Exosuit, p: Float[AnyArray, " parameters"]) -> Robot:
         radius(exosuit.shape.surface, x) + hats @ radii,
         radius_slope(exosuit.shape.surface, x) + slopes @ radii,
         exosuit.shape.length + length,
-        finger=exosuit.finger,
-        young=exosuit.young * (1 + young),
-        contact_stiffness=exosuit.contact_stiffness * (1 + contact),
-        gap=exosuit.gap,
-        mount_angle=exosuit.mount_angle,
-        mount_offset=exosuit.mount_offset,
+        exosuit,
     )
-    links = [exosuit.finger.link_name(i) for i in range(HINGES)]
-    springs = [robot[link].joint.stiffness * (1 + k) for link, k in zip(links, joints, strict=True)]
-    return eqx.tree_at(lambda r: [r[link].joint.stiffness for link in links], robot, springs)
+
+    def stiffnesses(of: Robot) -> list[Any]:
+        links = [of[exosuit.finger.link_name(i)] for i in range(HINGES)]
+        return [of[ROD].young, of.terms[1].stiffness, *(link.joint.stiffness for link in links)]
+
+    scaled = [
+        jnp.asarray(k * (1 + share))
+        for k, share in zip(stiffnesses(robot), (young, contact, *joints), strict=True)
+    ]
+    return system_of(eqx.tree_at(stiffnesses, robot, scaled), exosuit.finger)
 
 
 def _hats(
@@ -187,20 +193,16 @@ def _hats(
 
 
 def _measured(
-    robot: Robot, q: Float[Array, " dofs"]
+    system: System, q: Float[Array, " dofs"]
 ) -> tuple[Float[Array, " points"], Float[Array, " forces"]]:
     """Shift of the outline points across the reference outline, up to a constant [m], and the forces [N]."""
-    batched = jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], robot)
-    pose = jax.tree.map(lambda leaf: leaf[0, 0], observe(batched, q[None, None]))
-    axis = pose.centreline[:, ::2]
+    observed = observe_state(system, q)
+    axis = observed.axes["exosuit"][:, ::2]
     along, across = _directions(jnp.asarray(jnp.gradient(axis, QUADRATURE.points, axis=0)))
     shift = jnp.sum(across * axis, axis=1)
-    rod = robot[ROD]
-    assert isinstance(rod, Rod)
-    assert isinstance(rod.section, Circular)
-    thick = rod.section.radius
+    thick = next(tube.radius for tube in system.tubes if tube.name == "exosuit")
     # The link beyond the last hinge is the fingertip's cap.
-    nodes = pose.finger[: HINGES + 1, ::2]
+    nodes = observed.axes["finger"][: HINGES + 1, ::2]
     share = (np.arange(_ON_LINK)[:, None, None] + 0.5) / _ON_LINK
     points = nodes[:-1] + share * jnp.diff(nodes, axis=0)
     link_along, link_across = _directions(jnp.diff(nodes, axis=0))
@@ -208,7 +210,7 @@ def _measured(
         *(shift + thick, shift - thick, along[-1:] @ axis[-1]),
         *(jnp.sum(link_across * points, axis=2).ravel(), link_along[-1:] @ nodes[-1]),
     )
-    return jnp.concatenate(outline), pose.forces[1:]
+    return jnp.concatenate(outline), jnp.asarray(observed.readings)[np.array(system.schema.output_indices())]
 
 
 def _directions(
@@ -221,18 +223,18 @@ def _directions(
 
 @jax.jit
 def _derivatives(
-    robot: Robot, slopes: Robot, u: Float[AnyArray, ""], q: Float[AnyArray, " dofs"]
+    system: System, slopes: System, u: Float[AnyArray, ""], q: Float[AnyArray, " dofs"]
 ) -> tuple[
     tuple[Float[Array, "points parameters"], Float[Array, "forces parameters"]], Float[Array, " forces"]
 ]:
     """Derivatives of outline and forces by PARAMETERS, and the forces.
 
-    slopes   derivatives of the robot's numbers, along a last axis
+    slopes   derivatives of the system's numbers, along a last axis
     """
 
     def measured(p: Array) -> tuple[tuple[Array, Array], Array]:
-        own = jax.tree.map(lambda leaf, slope: leaf + slope @ p, robot, slopes)
-        outline, forces = _measured(own, differentiable(own, (u + p[0])[None], q))
+        own = jax.tree.map(lambda leaf, slope: leaf + slope @ p, system, slopes)
+        outline, forces = _measured(own, differentiable(own.robot, (u + p[0])[None], q))
         return (outline, forces), forces
 
     return jax.jacfwd(measured, has_aux=True)(jnp.zeros(len(PARAMETERS)))
