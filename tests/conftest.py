@@ -22,11 +22,15 @@ os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
 if version("jaxlib").startswith("0.10."):  # a flag that a version does not know ends the process
     os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
 
-# How long an example takes is not what a test asserts, and says little on a busy machine.
-hypothesis.settings.register_profile("exosight", deadline=None)
+# How long an example takes is not what a test asserts, and says little on a busy machine. Every run draws
+# other examples, so that few a run are many in the end.
+hypothesis.settings.register_profile("exosight", deadline=None, max_examples=40)
 hypothesis.settings.load_profile("exosight")
 
 install_import_hook("exosight", "beartype.beartype")
+
+# Tracing makes so many objects that collecting garbage as often as usual takes 7 % of the time.
+gc.set_threshold(50_000, 20, 50)
 
 LONGEST = "test_docs.py", "app/test_study.py", "test_examples.py", "dataset/test_simulation.py"
 """Files that take longest, for few tests: begun last, one would keep a process when all else is done."""
@@ -39,6 +43,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Whole files in the order in which processes take them: those first, then those of many tests."""
     tests = Counter(item.path for item in items)
     items.sort(key=lambda item: (not str(item.path).endswith(LONGEST), -tests[item.path], str(item.path)))
+
+
+def pytest_collection_finish() -> None:
+    """What has been imported stays, so collections need not look at it."""
+    gc.freeze()
 
 
 @pytest.hookimpl(trylast=True)

@@ -34,6 +34,24 @@ def test_counts_are_told_and_written(tmp_path: Path, capsys: pytest.CaptureFixtu
         assert f"dropped, {cause.replace('_', ' ')}: {count}" in told
 
 
+def test_zones_that_are_hardly_ever_touched_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A sleeve that is only pulled lifts off the thumb."""
+    lifted, counts = tmp_path / "lifted.toml", tmp_path / "counts.json"
+    text = THUMB.read_text().replace('range = ["-1 N", "4 N"]', 'range = ["-1 N", "4 N"]\ndrive = "-1 N"')
+    lifted.write_text(text)
+    main(["generate", "--out", str(tmp_path / "data"), *OPTIONS, "--json", str(counts)])
+    told, shares = " ".join(capsys.readouterr().err.split()), json.loads(counts.read_text())["touching"]
+    readings = read_frames(tmp_path / "data").sensors
+    assert list(shares.values()) == pytest.approx((readings[:, :3] >= 1e-3).mean(axis=0))
+    assert min(shares.values()) > 0
+    assert "touched in less" not in told
+    main(["generate", "--out", str(tmp_path / "none"), "--system", str(lifted), *OPTIONS[2:]])
+    words = "touched in less than 1 % of the frames: P1, P2, P3; a network cannot learn"
+    assert words in " ".join(capsys.readouterr().err.split())
+
+
 def test_a_second_run_needs_resume_and_then_mends(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--out", str(tmp_path / "data"), *OPTIONS]
     main(["generate", *words])

@@ -168,7 +168,7 @@ def test_shipped_network_is_judged_on_the_designs_that_it_has_not_learned_from(f
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"schema": mixed_schema(32, 32)}, "expected the sensors zone_0, .*, got C0, C1"),
+        ({"schema": mixed_schema(32, 32)}, "expected the sensors zone_0, .*, got C1, C2"),
         ({"schema": published_schema(32, 36)}, "camera camera: expected width 36, got 32"),
     ],
 )

@@ -24,6 +24,10 @@ def output(capsys: Captured, *words: object) -> str:
     return capsys.readouterr().out
 
 
+def test_help_after_an_action_names_all_actions(capsys: Captured) -> None:
+    assert "exosight system [-h] {list,show,new,check} NAME|FILE" in output(capsys, "system", "new", "--help")
+
+
 def test_list_tells_the_presets(capsys: Captured) -> None:
     assert "published" in output(capsys, "system", "list")
     assert "published" in json.loads(output(capsys, "system", "list", "--json", "-"))["presets"]

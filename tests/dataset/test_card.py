@@ -59,6 +59,14 @@ def test_the_card_names_units_seed_configuration_licence_and_source(manifest: Ma
     assert "## Splits" in card
 
 
+def test_the_card_of_a_system_file_leaves_out_options_of_the_preset(manifest: Manifest) -> None:
+    config = {"system": "bench.toml", "seed": 0, "young": 3e5, "camera": {"width": 128}}
+    card = readme(describe(manifest.chunks, description={"name": "bench"}, config=config), KEPT)
+    assert '"system": "bench.toml"' in card
+    assert '"young"' not in card
+    assert '"camera"' not in card
+
+
 def test_the_header_is_what_hugging_face_reads(manifest: Manifest) -> None:
     yaml = pytest.importorskip("yaml")
     header = yaml.safe_load(readme(manifest, KEPT).split("---\n")[1])

@@ -124,6 +124,24 @@ def test_the_page_shows_the_view_it_opens_with(open_page: Callable[..., Page], l
     page.wait_for_selector("#path path.down")
 
 
+def test_a_bent_finger_is_drawn_whole_down_to_its_skin(open_thumb: Callable[..., Page]) -> None:
+    """A camera that sees 100 mm by 100 mm; the fingertip, 8 mm thick, reaches down to −43 mm."""
+    below = open_thumb().evaluate(
+        """async () => {
+            const { scene } = await import("/scene.js"), host = document.createElement("div");
+            const tube = { name: "finger", shade: 0.5, jointed: true };
+            const about = { tubes: [tube], zones: [], centre: [0, 0], size: [100, 100] };
+            const drawn = scene(host, { scene: about });
+            drawn.draw({ tubes: [{ axis: [[0, 0], [20, -35]], radius: [10, 8] }], zones: [] });
+            document.body.append(host);
+            const box = host.querySelector("svg").viewBox.baseVal;
+            const end = host.querySelector(".tube-edge").getBBox();
+            return end.y + end.height - box.y - box.height;
+        }"""
+    )
+    assert below <= 0
+
+
 def test_dragging_up_and_down_shows_both_branches(open_page: Callable[..., Page], lab: LabSystem) -> None:
     page = open_page()
     box = page.locator("#channel-u").bounding_box()

@@ -11,6 +11,7 @@ from exosight.system import (
     SensorSpec,
     ViewSpec,
     difference,
+    network_difference,
     schema_from_dict,
     schema_to_dict,
 )
@@ -48,6 +49,8 @@ def test_sums_follow_from_outputs() -> None:
             SCHEMA.weights(name)
     with pytest.raises(InputError, match="expected one of a, b"):
         SCHEMA.weights("d")
+    with pytest.raises(InputError, match=r"got 'a\+c'; a sum of some is a sensor of type net_force"):
+        SCHEMA.weights("a+c")
 
 
 def test_paths_end_at_drive_or_at_the_farther_end() -> None:
@@ -84,6 +87,17 @@ def test_paths_end_at_drive_or_at_the_farther_end() -> None:
 )
 def test_a_difference_is_one_sentence(other: Schema, parts: tuple[str, ...], sentence: str | None) -> None:
     assert difference(SCHEMA, other, parts) == sentence
+
+
+def test_a_network_serves_every_system_with_its_estimated_sensors_and_cameras() -> None:
+    a, b, c, total, _, angle = SCHEMA.sensors
+    other_sums = replace(SCHEMA, sensors=(a, replace(b, limit=0.2), angle, replace(total, name="other")))
+    assert network_difference(SCHEMA, other_sums) is None
+    fewer = replace(SCHEMA, sensors=(a, b, replace(c, estimated=True), total))
+    assert network_difference(SCHEMA, fewer) == "expected the sensors a, b, angle, got a, b, c"
+    slower = replace(SCHEMA, channels=(replace(SCHEMA.channels[0], rate=1.0), SCHEMA.channels[1]))
+    assert network_difference(SCHEMA, slower) is None
+    assert network_difference(SCHEMA, slower, channels=True) == "channel u: expected rate 10, got 1"
 
 
 @pytest.mark.parametrize(

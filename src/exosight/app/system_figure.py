@@ -12,7 +12,7 @@ from matplotlib.patches import Circle
 from scipy.spatial import ConvexHull
 
 from exosight.evaluation.figures.style import styled
-from exosight.mechanics import PressureLine, walk
+from exosight.mechanics import Link, PressureLine, walk
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
 from exosight.system.sensors import ContactForce
@@ -73,6 +73,11 @@ def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
                         va="top",
                         color=colour,
                     )
+    joints = [body.name for body in robot.bodies if isinstance(body, Link) and body.joint.dofs]
+    places = (
+        np.array([np.asarray(motion[name].pose)[0, :3, 3] for name in joints]).reshape(-1, 3)[:, ::2] * MM
+    )
+    axes.plot(*places.T, "o", ms=5, mfc="white", mec="black", mew=1.2, zorder=3)
     for actuator in system.actuators:
         if isinstance(actuator.term, PressureLine):
             pose = np.asarray(motion[actuator.term.rod].pose)
@@ -80,7 +85,12 @@ def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
             line = (pose[:, :3, 3] + np.einsum("pij,pj->pi", pose[:, :3, :3], offset))[:, ::2] * MM
             axes.plot(*line.T, "--", lw=1.2, color="black")
             axes.annotate(actuator.channel.name, line[-1], xytext=(4, 2), textcoords="offset points")
-    axes.set(title=f"{system.name} without load", xlabel="x [mm]", ylabel="z [mm]", aspect="equal")
+    axes.set(
+        title=f"{system.name} without load" + (", ○ joints" if joints else ""),
+        xlabel="x [mm]",
+        ylabel="z [mm]",
+        aspect="equal",
+    )
     axes.margins(0.08, 0.2)
     axes.autoscale_view()
 

@@ -10,7 +10,7 @@ from exosight.dataset.manifest import (
     write_manifest,
 )
 from exosight.dataset.splits import PROTOCOLS, Split, make_split
-from exosight.dataset.store import read_frames, read_variation, write_chunk
+from exosight.dataset.store import read_frames, read_sensors, read_variation, write_chunk
 
 __all__ = [
     "PROTOCOLS",
@@ -28,6 +28,7 @@ __all__ = [
     "previous",
     "read_frames",
     "read_manifest",
+    "read_sensors",
     "read_variation",
     "take",
     "write_chunk",

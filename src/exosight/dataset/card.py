@@ -10,6 +10,7 @@ from typing import Any
 
 from jinja2 import Environment, StrictUndefined
 
+from exosight.dataset.config import PUBLISHED_ONLY
 from exosight.dataset.frames import row_shapes
 from exosight.dataset.manifest import Manifest, dataset_identity
 from exosight.files import replace_file
@@ -54,7 +55,7 @@ def readme(manifest: Manifest, kept: dict[str, int]) -> str:
         designs=Counter(manifest.scenarios[design.scenario] for design in manifest.designs),
         path=_path(manifest),
         causes=_CAUSES,
-        config=json.dumps(manifest.config, indent=1),
+        config=json.dumps(_config(manifest), indent=1),
         identity=dataset_identity(manifest)["sha256"],
         size=_size(manifest.frames),
     )
@@ -120,6 +121,12 @@ def _field(name: str, values: dict[str, str], rows: dict[str, tuple[int, ...]]) 
         "repeated": name in rows,
         "source": {"fileSet": {"@id": "chunks"}, "extract": {"column": name}},
     }
+
+
+def _config(manifest: Manifest) -> dict[str, Any]:
+    """The configuration without options that a system file leaves no choice of."""
+    own = manifest.description is not None
+    return {name: value for name, value in manifest.config.items() if not (own and name in PUBLISHED_ONLY)}
 
 
 def _name(manifest: Manifest) -> str:

@@ -14,6 +14,9 @@ from exosight.vision.lighting import LightingVariation
 DESIGNS = 100
 """Designs of a system file unless a configuration says how many."""
 
+PUBLISHED_ONLY = ("per_scenario", "young", "contact_stiffness", "gap", "camera", "plant")
+"""Options that only the published system has; a file says these things itself."""
+
 
 @dataclass(frozen=True, config=CONFIG)
 class GenerateConfig:

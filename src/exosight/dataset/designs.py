@@ -5,7 +5,7 @@ from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from exosight.dataset.config import DESIGNS, GenerateConfig
+from exosight.dataset.config import DESIGNS, PUBLISHED_ONLY, GenerateConfig
 from exosight.dataset.manifest import Manifest
 from exosight.errors import DataError, InputError
 from exosight.exosuit.assembly import Exosuit
@@ -15,9 +15,6 @@ from exosight.system.design import Design
 from exosight.system.designs import DesignSet, FileDesigns
 from exosight.system.file import Values
 from exosight.validation import first_fault
-
-PUBLISHED_ONLY = ("per_scenario", "young", "contact_stiffness", "gap", "camera", "plant")
-"""Options that only the published system has; a file says these things itself."""
 
 _NOMINAL = GenerateConfig()
 

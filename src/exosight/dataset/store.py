@@ -8,6 +8,7 @@ from uuid import uuid4
 
 import h5py
 import numpy as np
+from jaxtyping import Float32
 
 from exosight import __version__
 from exosight.dataset.frames import QUANTITIES, Columns, Frames, find_fault, row_shapes
@@ -107,6 +108,21 @@ def read_variation(folder: Path) -> Columns:
             raise DataError(f"{path}: other quantities vary in it than in the chunks before")
         parts.append(part)
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def read_sensors(folder: Path) -> Float32[np.ndarray, "frames sensors"]:
+    """What every sensor reads in each frame of a complete dataset, without its images.
+
+    Raises DataError as `read_frames`.
+    """
+    manifest = read_manifest(folder)
+    readings = np.empty((manifest.frames, *row_shapes(manifest.schema, manifest.dofs)["sensors"]), np.float32)
+    start = 0
+    for chunk in manifest.chunks:
+        with _opened(folder / chunk.file, chunk) as file:
+            _fill(readings[start : start + chunk.frames], "sensors", file)
+        start += chunk.frames
+    return readings
 
 
 def _encode(frames: Frames, variation: Columns) -> bytes:

@@ -22,6 +22,15 @@ LIKELY = 0.95
 _DRAWS = 2000
 
 
+def touching_shares(schema: Schema, readings: Float[np.ndarray, "frames sensors"]) -> dict[str, float]:
+    """Share of the frames in which each estimated contact force is at least 1 mN, by sensor."""
+    return {
+        spec.name: float(np.mean(readings[:, place] >= TOUCHING))
+        for place, spec in enumerate(schema.sensors)
+        if spec.estimated and spec.quantity == "contact force"
+    }
+
+
 @dataclass(frozen=True)
 class Detail:
     """One output; NaN marks a quantity that is undefined."""

@@ -13,7 +13,7 @@ from exosight.lab.pose_cache import CachedSystem, Drive, Grid, Move, PoseCache, 
 from exosight.lab.published_designs import published_controls
 from exosight.lab.settings import Look, LoopSettings, PathSettings, View
 from exosight.system.designs import DesignSet, FileDesigns
-from exosight.system.schema import Schema, SensorSpec, difference
+from exosight.system.schema import Schema, SensorSpec, network_difference
 
 PUBLISHED = "published"
 _START = 0.6  # share of its peak that the first channel starts at
@@ -144,7 +144,7 @@ def stops_of(commands: Sequence[float], channels: int) -> tuple[tuple[float, ...
 
 def _refusal(network: OnnxEstimator, schema: Schema) -> str | None:
     """Why a network cannot read pictures of a system."""
-    other = difference(network.card.schema, schema, ("sensors", "cameras"))
+    other = network_difference(network.card.schema, schema)
     if other is None:
         return None
     return (

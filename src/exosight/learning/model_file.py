@@ -16,7 +16,7 @@ import pydantic
 from exosight.errors import DataError, InputError
 from exosight.learning.config import LONGEST_HISTORY
 from exosight.learning.intervals import Widths
-from exosight.system.schema import Channel, Schema, difference, schema_to_dict
+from exosight.system.schema import Channel, Schema, network_difference, schema_to_dict
 
 # ModelProto.metadata_props (field 14, 74 bytes) = {key (field 1): "sha256", value (field 2): 64 hex digits}
 _SEAL_START = b"\x72\x4a\x0a\x06sha256\x12\x40"
@@ -72,10 +72,8 @@ class ModelCard:
 
         what   has the other schema: "dataset", "plant" …
         """
-        parts = (
-            ("channels", "sensors", "cameras") if self.actuation or self.history else ("sensors", "cameras")
-        )
-        if fault := difference(self.schema, schema, parts):
+        driven = self.actuation or self.history > 0
+        if fault := network_difference(self.schema, schema, channels=driven):
             raise InputError(
                 f"model: the {what} is of another system than the network: {fault}; "
                 f"choose another model, or train one for the system {schema.system}"

@@ -25,6 +25,7 @@ from exosight.system.schema import (
     SensorSpec,
     ViewSpec,
     difference,
+    network_difference,
     schema_from_dict,
     schema_to_dict,
 )
@@ -38,6 +39,7 @@ __all__ = [
     "ViewSpec",
     "describe",
     "difference",
+    "network_difference",
     "read_system_file",
     "replaced",
     "schema_from_dict",

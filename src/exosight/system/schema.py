@@ -6,6 +6,7 @@ and is compared wherever two of them meet. Usable without JAX.
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -129,6 +130,11 @@ class Schema:
 
     def index(self, name: str) -> int:
         """Place of a sensor among all; InputError if there is none of this name."""
+        if "+" in name:
+            raise InputError(
+                f"sensor: expected the name of one, got {name!r}; a sum of some is a sensor of type net_force "
+                "in the system's file"
+            )
         return self._place("sensor", name, self.sensors)
 
     def sensor(self, name: str) -> SensorSpec:
@@ -247,6 +253,20 @@ def difference(
                 if not same:
                     return f"{kind[:-1]} {a.name}: expected {field} {_shown(x)}, got {_shown(y)}"
     return None
+
+
+def network_difference(trained: Schema, schema: Schema, *, channels: bool = False) -> str | None:
+    """How a schema differs from the one of a network in what the network depends on, or None if it does not.
+
+    These are the estimated sensors, not their limits, the cameras and, if its inputs are commands, the
+    channels. Sensors that are not estimated may differ: another sum of the same zones needs no training.
+    """
+
+    def outputs(of: Schema) -> Schema:
+        return replace(of, sensors=tuple(replace(sensor, limit=None) for sensor in of.estimated))
+
+    parts = ("channels", "sensors", "cameras") if channels else ("sensors", "cameras")
+    return difference(outputs(trained), outputs(schema), parts)
 
 
 def _shown(value: Any) -> str:

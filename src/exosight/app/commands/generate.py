@@ -12,6 +12,9 @@ from exosight.dataset.config import GenerateConfig
 
 DEFAULT = GenerateConfig()
 
+RARE = 0.01
+"""A zone that is touched in a smaller share of the frames is named."""
+
 MaybeAddress = Annotated[str | None, tyro.conf.arg(metavar="ADDRESS", help_behavior_hint="")]
 
 
@@ -31,8 +34,8 @@ def generate(
     waypoints of its own.
 
     The folder also holds all that makes it again (manifest.json) and a card (README.md); frames left out are
-    counted by cause. Stopped at any moment, the same command with --resume goes on; it also mends damaged
-    files.
+    counted by cause, and zones that are hardly ever touched are named. Stopped at any moment, the same
+    command with --resume goes on; it also mends damaged files.
 
     Light and pictures are the nominal ones unless --lighting and --appearance let them vary, and so are the
     published system's fingers and exosuits unless --plant does; what was drawn is kept with each frame
@@ -53,13 +56,23 @@ def generate(
     """
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: JAX takes a second to import.
+    from exosight.dataset import read_sensors
     from exosight.dataset.generation import generate as run
+    from exosight.evaluation.details import touching_shares
 
     with progress("simulating", "designs") as update:
         manifest = run(config, out, update, resume=resume, workers=workers, scheduler=scheduler)
     say(f"wrote {manifest.frames} frames of {len(manifest.designs)} designs to {out}")
     for cause, count in manifest.dropped.items():
         say(f"  dropped, {cause.replace('_', ' ')}: {count}")
+    touching = touching_shares(manifest.schema, read_sensors(out))
+    rare = [name for name, share in touching.items() if share < RARE]
+    if rare:
+        say(
+            f"  touched in less than {100 * RARE:g} % of the frames: {', '.join(rare)}; a network cannot "
+            "learn what hardly happens: change the system, its zones or the ranges of its channels"
+        )
     if json is not None:
         counts = {"frames": manifest.frames, "designs": len(manifest.designs), "dropped": manifest.dropped}
+        counts["touching"] = touching
         write_json({"folder": str(out), **counts}, json)

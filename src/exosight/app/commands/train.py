@@ -95,5 +95,5 @@ def train(
     say("{} of its frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
     best = min((r for r in history if r.validation_loss is not None), key=lambda r: r.validation_loss or 0.0)
     error = f"{best.validation_l1:.4f} {common_unit(loaded.frames.schema)}".rstrip()
-    say(f"best epoch {best.epoch} of {len(history)}: validation error {error}")
+    say(f"best epoch {best.epoch} of {len(history)}: mean absolute error on validation frames {error}")
     say(f"wrote {out / MODEL}")

@@ -87,10 +87,12 @@ def predicted_against_true(schema: Schema, true: Values, estimated: Values) -> F
     figure = new_figure(height=0.1 + 2.0 * -(-len(found) // 4))
     panels = grid(figure, len(found), 4)
     cells = []
-    for ax, metrics, t, e in zip(
-        panels, found, with_sums(schema, true).T, with_sums(schema, estimated).T, strict=True
+    sensors = [schema.sensor(metrics.name) for metrics in found]
+    for ax, metrics, sensor, t, e in zip(
+        panels, found, sensors, with_sums(schema, true).T, with_sums(schema, estimated).T, strict=True
     ):
-        low, high = min(0.0, t.min(), e.min()), max(t.max(), e.max(), 1e-6)
+        smallest = _SMALLEST_SCALE if "force" in sensor.quantity else 1e-6
+        low, high = min(0.0, t.min(), e.min()), max(t.max(), e.max(), smallest)
         margin = 0.04 * (high - low)
         limits = (low - margin, high + margin)
         ax.plot(limits, limits, color=BLACK, linewidth=0.7, label="identity")

@@ -1,6 +1,6 @@
 // A table of sensors with bars in it, and line charts.
 
-import { html, named, round125, svg } from "./svg.js";
+import { fixed, html, named, round125, svg } from "./svg.js";
 
 /** Rows of sensors, those of one quantity on one scale; what is estimated stands beside what is true. */
 export function sensorTable(host, sensors, { truth, estimates }) {
@@ -48,8 +48,8 @@ export function sensorTable(host, sensors, { truth, estimates }) {
       dot.setAttribute("display", value === undefined ? "none" : "inline");
       if (low !== undefined) { place(whisker, "x1", low); place(whisker, "x2", high); }
       if (value !== undefined) place(dot, "cx", value);
-      const words = [...(truth ? [real] : []), ...(estimates ? [value] : [])].map((each) => each?.toFixed(3).replace("-", "−") ?? "");
-      if (estimates) words.push(low === undefined ? "" : `${low.toFixed(3)}–${high.toFixed(3)}`.replaceAll("-", "−"));
+      const words = [...(truth ? [real] : []), ...(estimates ? [value] : [])].map((each) => each == null ? "" : fixed(each, 3));
+      if (estimates) words.push(low === undefined ? "" : `${fixed(low, 3)}–${fixed(high, 3)}`);
       words.forEach((each, k) => { if (cells[k].textContent !== each) cells[k].textContent = each; });
     }
     axis.replaceChildren(svg("text", { x: "0%", y: 12 }, String(from).replace("-", "−")),

@@ -2,7 +2,7 @@
 
 import { upload } from "./api.js";
 import { sensorTable } from "./charts.js";
-import { by, quantity } from "./svg.js";
+import { by, fixed, quantity } from "./svg.js";
 
 export function estimate({ system, sensors, controlled, pixels }) {
   const table = sensorTable(by("file-sensors"), sensors, { truth: false, estimates: true });
@@ -23,8 +23,8 @@ export function estimate({ system, sensors, controlled, pixels }) {
       const strange = score > 1;
       by("verdict").className = `verdict ${strange ? "bad" : ""}`;
       by("verdict").textContent = strange
-        ? `Do not trust these estimates: the picture is unlike those learned from (score ${score.toFixed(2)}, trusted up to 1).`
-        : `${controlled} ${quantity(estimates[controlled].value, unit)}; the picture is like those learned from (score ${score.toFixed(2)}).`;
+        ? `Do not trust these estimates: the picture is unlike those learned from (score ${fixed(score, 2)}, trusted up to 1).`
+        : `${controlled} ${quantity(estimates[controlled].value, unit)}; the picture is like those learned from (score ${fixed(score, 2)}).`;
       by("file-cause").textContent = `Guard, shown this picture: ${found.guard.state}; ${found.guard.cause}.`;
       by("result").hidden = by("file-result").hidden = false;
     } catch (error) {

@@ -4,7 +4,7 @@ import { ask, file } from "./api.js";
 import { lineChart, sensorTable } from "./charts.js";
 import { group, pick, slider } from "./controls.js";
 import { scene, tubeLegend } from "./scene.js";
-import { by, digitsOf, download, html, named, quantity, round125, standalone } from "./svg.js";
+import { by, digitsOf, download, fixed, html, named, quantity, round125, standalone } from "./svg.js";
 
 const LONGEST_WAY = 48;  // stops; the server takes up to 64
 const LONGEST_TRAIL = 400;  // points
@@ -82,7 +82,7 @@ export function explore(about, problem) {
     by("value-estimated").textContent = value === undefined ? "none" : quantity(value, unit);
     if (!shown.reading) return;
     const { ood_score: score } = shown.reading, { state, cause } = shown.guard;
-    by("ood_score").textContent = `${score.toFixed(2)}${score > 1 ? ", do not trust" : ""}`;
+    by("ood_score").textContent = `${fixed(score, 2)}${score > 1 ? ", do not trust" : ""}`;
     by("guard").textContent = state;
     by("guard").className = `state ${state}`;
     by("guard-cause").textContent = `Guard, shown this picture: ${cause}.`;
@@ -94,7 +94,7 @@ export function explore(about, problem) {
     let before = channels.map(() => 0);
     for (const stop of drive) {
       stop.forEach((value, i) => {
-        if (value !== before[i]) words.push(one ? value.toFixed(digitsOf(channels[i].step)).replace("-", "−") : `${channels[i].name} ${told(i, value)}`);
+        if (value !== before[i]) words.push(one ? fixed(value, digitsOf(channels[i].step)) : `${channels[i].name} ${told(i, value)}`);
       });
       before = stop;
     }

@@ -54,10 +54,10 @@ export function scene(host, about) {
   const at = ([x, z]) => [x * k, -z * k];
 
   /** What is cut off of the camera's view is brought back where a pose needs it. */
-  function fit(points) {
+  function fit(lines, radii) {
     const top = (-centre[1] - size[1] / 2) * k, bottom = (-centre[1] + size[1] / 2) * k;
-    const ends = points.map(([, y]) => Math.min(bottom, Math.max(top, y)));
-    const [high, low] = [Math.min(...ends) - 4, Math.max(...ends) + 4];
+    const edges = (sign) => lines.flatMap((points, i) => points.map(([, y], j) => y + sign * radii[i][j] * k));
+    const [high, low] = [Math.max(top, Math.min(...edges(-1))) - 4, Math.min(bottom, Math.max(...edges(1))) + 4];
     if (low > box[1] + box[3]) box[1] = low - box[3];
     if (high < box[1]) box[1] = Math.max(top - 4, Math.min(high, box[1]));
     if (low > box[1] + box[3]) box[3] = low - box[1];
@@ -75,7 +75,7 @@ export function scene(host, about) {
         ? points.slice(0, -1).map(([x, y]) => svg("circle", { class: `joint ${kind}-joint`, cx: x, cy: y, r: 0.9 }))
         : [svg("path", { class: `axis ${kind}-edge`, d: `M${points.map((point) => point.join(" ")).join("L")}` })]));
     });
-    fit(lines.flat());
+    fit(lines, values.tubes.map(({ radius }) => radius));
     forces(values.zones);
   }
 

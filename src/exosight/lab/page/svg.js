@@ -16,8 +16,14 @@ export function html(tag, attributes = {}, ...children) {
   return made;
 }
 
+/** A number with so many digits behind the point, with a minus sign unless it is rounded to 0. */
+export function fixed(value, digits) {
+  const words = value.toFixed(digits);
+  return Number(words) === 0 ? words.replace("-", "") : words.replace("-", "−");
+}
+
 /** A number with its unit. */
-export const quantity = (value, unit, digits = 3) => `${value.toFixed(digits).replace("-", "−")} ${unit}`;
+export const quantity = (value, unit, digits = 3) => `${fixed(value, digits)} ${unit}`;
 
 /** As many digits as a step has. */
 export const digitsOf = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
