@@ -132,8 +132,8 @@ class Schema:
         """Place of a sensor among all; InputError if there is none of this name."""
         if "+" in name:
             raise InputError(
-                f"sensor: expected the name of one, got {name!r}; a sum of some is a sensor of type net_force "
-                "in the system's file"
+                f"sensor: expected the name of one, got {name!r}; a sum of some is a sensor of type "
+                "net_force in the system's file"
             )
         return self._place("sensor", name, self.sensors)
 
