@@ -10,8 +10,8 @@ from exosight.app import chapters
 from exosight.app.report import Listing, Picture, Points, Report, Section, render_report, write_tables
 from exosight.app.results import (
     DataSummary,
-    Judgement,
     LoopResult,
+    NetworkResult,
     PathSummary,
     RobustnessSummary,
     TrainingRun,
@@ -74,17 +74,17 @@ LOOPS = [
 ]
 
 
-def judgements() -> list[Judgement]:
+def network_results() -> list[NetworkResult]:
     rng = np.random.default_rng(0)
     true = rng.gamma(1.0, 0.2, (40, 7))
     return [
-        Judgement(name, SCHEMA, true, (true + rng.normal(0, noise, true.shape)).astype(np.float32))
+        NetworkResult(name, SCHEMA, true, (true + rng.normal(0, noise, true.shape)).astype(np.float32))
         for name, noise in ((BY_SHAPE, 0.05), (BY_FRAME, 0.01))
     ]
 
 
 def robustness(learned: bool = True) -> RobustnessSummary:
-    scores = judgements()[0].scores
+    scores = network_results()[0].scores
     names = ROBUSTNESS_PUBLISHED
     return RobustnessSummary(
         BY_SHAPE, {name: scores for name in names}, {name: images(2) for name in names}, learned
@@ -99,11 +99,11 @@ def path() -> PathSummary:
 def sections() -> tuple[Section, ...]:
     return (
         chapters.introduction(Figure(), SCHEMA),
-        chapters.headline(RUNS, judgements(), robustness(), LOOPS),
+        chapters.headline(RUNS, network_results(), robustness(), LOOPS),
         chapters.motion(path()),
         chapters.data_section(DATA),
         chapters.learning(RUNS, SCHEMA.outputs),
-        chapters.accuracy(judgements()),
+        chapters.accuracy(network_results()),
         chapters.robustness_section(robustness()),
         *(chapters.closed_loop(loop) for loop in LOOPS),
         chapters.limits(),
@@ -138,11 +138,11 @@ def test_every_section_says_something_and_every_picture_has_words(study):
 
 
 def test_headline_puts_each_network_beside_the_paper():
-    table = tables(chapters.headline(RUNS, judgements(), robustness(), LOOPS))["headline"]
+    table = tables(chapters.headline(RUNS, network_results(), robustness(), LOOPS))["headline"]
     by_shape, by_frame, shipped, paper = table.records()
     names = [row["network, split"] for row in table.records()]
     assert names == [BY_SHAPE, BY_FRAME, "shipped network", "paper, by frame"]
-    assert by_shape["mean over C1…C7 r"] == judgements()[0].scores.r.mean
+    assert by_shape["mean over C1…C7 r"] == network_results()[0].scores.r.mean
     assert paper["mean over C1…C7 r"] == 0.83
     settled = [key for key in paper if key.startswith("steps to settle")]
     # The other network steers no loop; the paper had no target of 0.4 N; the shipped one is not judged here.
@@ -170,8 +170,8 @@ def test_training_tells_the_kept_epoch_and_the_time():
 
 
 def test_accuracy_of_one_network_needs_no_table_of_means():
-    assert "accuracy" not in tables(chapters.accuracy(judgements()[:1]))
-    assert "accuracy" in tables(chapters.accuracy(judgements()))
+    assert "accuracy" not in tables(chapters.accuracy(network_results()[:1]))
+    assert "accuracy" in tables(chapters.accuracy(network_results()))
 
 
 def test_steady_states_stand_beside_the_papers_settling_steps():
@@ -203,7 +203,7 @@ def test_limits_are_a_list_and_the_command_is_quoted_whole(study):
 
 def test_robustness_says_whether_noise_was_learned() -> None:
     for learned, said in (
-        (True, "It has learned from pictures with noise"),
+        (True, "It was also trained on images with random noise"),
         (False, "None of this was part"),
     ):
         assert said in str(chapters.robustness_section(robustness(learned)).blocks[0])

@@ -1,4 +1,4 @@
-"""Learning from several datasets: nothing that is kept for judging slips in with the others."""
+"""Learning from several datasets: nothing that is kept for testing slips in with the others."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

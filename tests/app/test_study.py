@@ -66,7 +66,7 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
     held = {}
     for stage, where, words in (
         ("simulating", "exosight.dataset.generation.simulate_designs", first),
-        ("second network", "exosight.app.study._judgement", again),
+        ("second network", "exosight.app.study._network_result", again),
         ("closed loop", "exosight.app.study.run_with_progress", again),
     ):
         with pytest.MonkeyPatch.context() as patch:

@@ -266,7 +266,7 @@ def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page]
 
 def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page], lab: LabSystem) -> None:
     page = open_page()
-    page.get_by_role("tab", name="Your picture").click()
+    page.get_by_role("tab", name="Image upload").click()
     files = {"pose.png": see(lab.start, lab).image, "text.png": draw_ood_images("text", 1, 0)[0]}
     for name, image in files.items():
         data = cv2.imencode(".png", image)[1].tobytes()
@@ -276,7 +276,7 @@ def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page
             [name, list(data)],
         )
         page.dispatch_event("#drop", "drop", {"dataTransfer": dropped})
-        words = "like those learned from" if name == "pose.png" else "Do not trust these estimates"
+        words = "within the training distribution" if name == "pose.png" else "Do not trust these estimates"
         expect(page.locator("#verdict")).to_contain_text(words)
     page.locator("#file").set_input_files(
         {"name": "bad.png", "mimeType": "image/png", "buffer": b"not a picture"}
@@ -348,7 +348,7 @@ def test_axe_finds_no_serious_fault(
     viewport = {"width": size[0], "height": size[1]}
     page = request.getfixturevalue(name)(color_scheme=scheme, reduced_motion="reduce", viewport=viewport)
     page.wait_for_selector("#path path.down")
-    for tab in ("Explore", "Closed loop", "Your picture"):
+    for tab in ("Explore", "Closed loop", "Image upload"):
         page.get_by_role("tab", name=tab).click()
         found = Axe().run(page).response["violations"]
         assert [

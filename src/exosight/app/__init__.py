@@ -1,10 +1,11 @@
-"""What a person runs: the command line, the study and its report.
+"""Command line, study and report.
 
-main, options    the command line's door: which command, with which options, and what is said when it fails
+main, options    the command line: commands, their options, error messages
 commands         one module a command: its options, its help, and the call of what does the work
 pipeline         the steps from a dataset to a trained network that commands and study share
-evaluation       a network judged on a dataset
+evaluation       a network evaluated on a dataset
 control_command  the closed loop's trials
+control_figures  figures of trials and of the stress test
 study, …         all of it; study_config holds its presets, study_report fills its report
 report, …        sections of text, tables and figures as one HTML page; chapters holds the study's sections
 console, output  what is shown; where results are written

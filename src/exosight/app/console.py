@@ -2,7 +2,7 @@
 
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from rich.table import Column
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from exosight.app.output import check_new_file
+from exosight.app.output import check_new_file, new_folder
 from exosight.evaluation.tables import Table, cell_text
 from exosight.files import write_new_file
 
@@ -65,7 +65,7 @@ def progress(description: str, unit: str) -> Iterator[Callable[[int, int], None]
 
     def update(done: int, total: int) -> None:
         nonlocal started
-        if not started:  # only now: what is wrong at the door is told without a bar
+        if not started:  # only now: wrong options are reported without a bar
             started = True
             bars.start()
             # What an earlier run did before it was stopped says nothing about the speed of this one.
@@ -129,6 +129,26 @@ def _drawn(table: Table, heads: Sequence[str], rows: Sequence[Sequence[str]]) ->
 def say(text: str) -> None:
     """Print one line for the reader, on stderr."""
     notes.print(text, markup=False)
+
+
+@contextmanager
+def results_folder(path: Path | None) -> Iterator[Path | None]:
+    """A folder to fill, see `new_folder`, and a note once it is complete; None where none is asked for."""
+    if path is None:
+        yield None
+        return
+    with new_folder(path) as folder:
+        yield folder
+    say(f"wrote {path}")
+
+
+def show_or_write(tables: Iterable[Table], values: Any, target: str | None) -> None:
+    """Tables on the terminal; with a target the values instead, see `write_json`."""
+    if target is not None:
+        write_json(values, target)
+        return
+    for table in tables:
+        show(table)
 
 
 def check_json_target(target: str | None) -> None:

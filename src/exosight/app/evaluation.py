@@ -1,4 +1,4 @@
-"""A network judged on a dataset: its scores as tables, figures and files."""
+"""A network evaluated on a dataset: its scores as tables, figures and files."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -53,7 +53,7 @@ USUAL = 0.9
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a network answers on the frames that it may be judged on."""
+    """Estimates and scores of a network on the frames that it may be tested on."""
 
     schema: Schema
     """Of the system whose sensors are estimated."""
@@ -107,7 +107,7 @@ class Evaluation:
         return (*tables, mean_table("baselines", f"Mean ± SD over {self._span}", cases, "estimator", note))
 
     @property
-    def trust(self) -> tuple[Table, ...]:
+    def reliability(self) -> tuple[Table, ...]:
         """Degraded images, intervals, out-of-distribution images."""
         return (
             robustness_table("robustness", f"Mean ± SD over {self._span} on degraded images", self.cases),
@@ -120,14 +120,14 @@ class Evaluation:
     @property
     def tables(self) -> tuple[Table, ...]:
         """All of them."""
-        return (*self.accuracy, *self.trust)
+        return (*self.accuracy, *self.reliability)
 
     @property
     def _span(self) -> str:
         return span(self.schema.outputs)
 
     def _shifts(self) -> Table:
-        """Whether intervals hold on degraded images, and how many of these are trusted."""
+        """Whether intervals hold on degraded images, and how many of these are flagged."""
         columns = (
             Column("images"),
             Column("mean", "%", "inside", 1),
@@ -141,11 +141,11 @@ class Evaluation:
             flagged = 100 * float(np.mean(reading.ood_score > 1))
             rows.append((name.replace("-", ", "), float(inside.mean()), float(inside.min()), flagged))
         note = f"Intervals that promise {100 * USUAL:g} % on clean images, over {self._span}."
-        return Table("shifts", "Intervals and trust on degraded images", columns, tuple(rows), note)
+        return Table("shifts", "Intervals and OOD score on degraded images", columns, tuple(rows), note)
 
 
 def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
-    """Judge a network on a dataset: clean, degraded and out-of-distribution images, with a progress bar.
+    """Evaluate a network on a dataset: clean, degraded and out-of-distribution images, with a progress bar.
 
     seed   of the noise, and of the out-of-distribution images
 
@@ -155,14 +155,14 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
     card, frames = estimator.card, data.frames
     index, meaning = test_part(card, data)
     rows = stacked_rows(frames, card.history)[index]
-    # A network with earlier images as inputs may need some beyond those that it is judged on.
+    # A network with earlier images as inputs may need some beyond those that it is tested on.
     seen = np.concatenate([index, np.setdiff1d(rows, index)])
     place = np.empty(len(frames), np.intp)
     place[seen] = np.arange(len(seen))
     schema, pictures, true = frames.schema, frames.images[seen], frames.labels[index]
     images = pictures[: len(index)]
 
-    def look(pictures: Images, levels: Sequence[float]) -> dict[float, Reading]:
+    def estimate(pictures: Images, levels: Sequence[float]) -> dict[float, Reading]:
         own = inputs(pictures, place[rows], frames.commands[index], card)
         return estimator.read_levels(pictures[: len(index)], levels, own)
 
@@ -170,7 +170,7 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
         own = inputs(pictures, place[rows[where]], frames.commands[index[where]], card)
         return estimator.read(others, inputs=own).ood_score
 
-    with _counted(look, (1 + len(CORRUPTIONS)) * len(seen)) as read:
+    with _counted(estimate, (1 + len(CORRUPTIONS)) * len(seen)) as read:
         clean = read(pictures, LEVELS)
         usual = clean[USUAL]
         ends = {level: (reading.low, reading.high) for level, reading in clean.items()}
@@ -191,7 +191,7 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
 def write_evaluation(found: Evaluation, about: dict[str, str | int], estimator: OnnxEstimator, folder: Path):
     """Write tables (CSV, JSON), page of figures, estimates (CSV) and configuration into a folder.
 
-    about   what was judged on what: model, data and seed
+    about   model, data and seed
     """
     shown = found.schema, found.true, found.estimated
     pictures = (
@@ -209,7 +209,7 @@ def write_evaluation(found: Evaluation, about: dict[str, str | int], estimator: 
         summary=f"{about['model']} on {about['data']}, {found.frames}.",
         sections=(
             Section("Accuracy", found.accuracy),
-            Section("Trust", found.trust),
+            Section("Reliability", found.reliability),
             Section("Figures", tuple(Picture(figure, caption, caption) for figure, caption in pictures)),
         ),
         footer=f"exosight {estimator.card.exosight_version}; noise seed {about['seed']}",
@@ -228,7 +228,7 @@ def write_evaluation(found: Evaluation, about: dict[str, str | int], estimator: 
 
 
 def _baselines(estimator: OnnxEstimator, data: Data) -> dict[str, Scores]:
-    """On the split that the network learned from, which its card names."""
+    """On the split that the network was trained on, which its card names."""
     return evaluate_baselines(data.frames, own_split(estimator.card, data), data.manifest)
 
 
@@ -236,14 +236,14 @@ def _baselines(estimator: OnnxEstimator, data: Data) -> dict[str, Scores]:
 def _counted(read: Read, total: int) -> Iterator[Read]:
     """The estimator with a bar that counts images."""
     done = 0
-    with progress("judging", "images") as update:
+    with progress("evaluating", "images") as update:
 
         def counted(images: Images, levels: Sequence[float]) -> dict[float, Reading]:
             nonlocal done
-            answer = read(images, levels)
+            found = read(images, levels)
             done += len(images)
             update(done, total)
-            return answer
+            return found
 
         yield counted
 

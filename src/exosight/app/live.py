@@ -1,4 +1,4 @@
-"""The loop in real time as a command: what it is made of, and what is told of it."""
+"""The loop in real time as a command: its parts and its log."""
 
 import signal
 from collections.abc import Callable, Iterator, Sequence

@@ -20,16 +20,16 @@ COMMANDS = {
     "simulate": "equilibria of one exosuit under given loads",
     "generate": "a dataset of labelled images from simulation",
     "train": "a network from a dataset",
-    "estimate": "contact forces from pictures",
-    "evaluate": "a network judged beside the paper's",
+    "estimate": "contact forces from images",
+    "evaluate": "accuracy of a network, beside the paper's",
     "control": "the closed loop, with a network or the true force as sensor",
     "live": "the loop in real time, with a camera or a simulated exosuit",
     "replay": "a recorded run through network and guard once more",
-    "stress": "the controllers in random episodes in which much goes wrong",
+    "stress": "the controllers in random episodes with disturbances",
     "study": "all of it, from simulation to one report",
-    "bench": "how many equilibria a second this machine solves",
+    "bench": "equilibria a second on this machine",
     "export": "a dataset or a simulated path for MATLAB and other programs",
-    "lab": "a local page: sliders move a system, its picture and its sensors",
+    "lab": "a local web page with sliders for a system, its image and sensors",
     "doctor": "what is installed, what works, what is missing",
 }
 
@@ -46,7 +46,7 @@ The whole published system on small input, in minutes
 One exosuit under four loads
   exosight simulate --u 0 1 2.4 4
 
-The forces in a picture
+The forces in an image
   exosight estimate image.png
 
 A force held in real time, with a camera or in simulation

@@ -15,7 +15,7 @@ def nominal_system(designs: DesignSet, exosuit: Exosuit, estimator: OnnxEstimato
     """The system without any variation.
 
     exosuit     the one that is worn, of the published system
-    estimator   that looks at it: the published system is seen by the camera that it was trained with
+    estimator   the published system has the camera that it was trained with
 
     Raises InputError for a set of designs that has no nominal one, or an estimator of another system.
     """

@@ -1,4 +1,4 @@
-"""From a dataset to a judged estimator: the steps that single commands and the study share."""
+"""From a dataset to a trained network: the steps that single commands and the study share."""
 
 import json
 from collections.abc import Callable, Generator, Iterable, Sequence
@@ -51,21 +51,21 @@ def widened(data: Data, split: Split, extra_data: Iterable[Data]) -> tuple[Frame
 
     Raises InputError if system, camera or poses differ, or if what is held out does not vary in another.
     """
-    parts, judged = [data.frames], None
+    parts, kept_keys = [data.frames], None
     for other in extra_data:
         theirs = other.manifest
         if theirs.camera != data.manifest.camera:
             raise InputError("train: expected datasets of one camera, got several; generate them alike")
-        if judged is None:
+        if kept_keys is None:
             designs = _design_set(data.manifest)
             kept = data.frames.design[np.concatenate([split.validation, split.test])]
             numbers = set(np.unique(kept).tolist())
-            judged = {designs.key(design) for design in data.manifest.designs if design.number in numbers}
+            kept_keys = {designs.key(design) for design in data.manifest.designs if design.number in numbers}
         own = _design_set(theirs)
         others = [
             design.number
             for design in theirs.designs
-            if own.key(design) not in judged and theirs.families[design.family] != split.held_out
+            if own.key(design) not in kept_keys and theirs.families[design.family] != split.held_out
         ]
         chosen = np.isin(other.frames.design, others)
         if split.held_out and split.edge is not None:
@@ -93,7 +93,7 @@ class Sources:
     """What a network starts and learns from besides its dataset."""
 
     extra_data: Sequence[Path] = ()
-    """folders of datasets to learn from as well, without what the split keeps for judging, see `widened`"""
+    """folders of datasets to learn from as well, without what the split keeps for testing, see `widened`"""
     online_designs: int = 0
     """designs of each scenario simulated anew for each epoch, see `exosight.dataset.stream`"""
     pretrained: "Pretrained | None" = None

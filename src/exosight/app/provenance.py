@@ -1,4 +1,4 @@
-"""What a network has learned from: its record, and which frames it may be judged on."""
+"""What a network has learned from: its record, and which frames it may be tested on."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -39,7 +39,7 @@ def identity(
 
 
 def check_unseen(pretrained: ModelCard, data: Data, split: Split) -> None:
-    """Raise InputError if a network to start from is known to have learned from what is kept for judging."""
+    """Raise InputError if a network to start from is known to have learned from what is kept for testing."""
     mine, known = dataset_identity(data.manifest)["sha256"], pretrained.data
     if pretrained.schema.system != data.manifest.system:
         return
@@ -80,12 +80,12 @@ def _listed(card: ModelCard, entry: str) -> list[str]:
 
 
 def _joined(entries: Iterable[str], own: str) -> str:
-    """Each once, without what is told of the dataset itself."""
+    """Each once, without those of the dataset itself."""
     return ", ".join(entry for entry in dict.fromkeys(entries) if entry != own)
 
 
 def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], str]:
-    """The frames that a network may be judged on, and what they are.
+    """The frames that a network may be tested on, and what they are.
 
     Of the dataset that it learned from, the test part of its own split; the same of another one of the same
     designs divided by design; of any other, all frames, and a word of warning where it has learned from them,
@@ -104,13 +104,13 @@ def test_part(card: ModelCard, data: Data) -> tuple[Int[np.ndarray, " frames"], 
         split = own_split(card, data)
         name = f"{split.protocol} ({split.held_out})" if split.held_out else split.protocol
         return split.test, f"test part by {name}"
-    seed, doubt = str(manifest.seed), ""
+    seed, warning = str(manifest.seed), ""
     if card.schema.system == manifest.system and seed in (
         *_listed(card, "seed"),
         *_listed(card, "extra_data_seeds"),
     ):
-        doubt = f", of whose designs the network may have learned from some, as it did from seed {seed}"
-    return everything, f"all frames of another dataset{doubt}"
+        warning = f", of whose designs the network may have learned from some, as it did from seed {seed}"
+    return everything, f"all frames of another dataset{warning}"
 
 
 def own_split(card: ModelCard, data: Data) -> Split:

@@ -64,7 +64,7 @@ class TrainingRun:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class NetworkResult:
     """One trained network on frames that it has not learned from."""
 
     name: str

@@ -40,7 +40,7 @@ class Outcome:
 def prepare(
     designs: DesignSet, model: Path | None, sensor: str | None = None, channel: str | None = None
 ) -> tuple[StressPlants, Look]:
-    """What episodes are about, and what looks at it: the network, or the simulation itself.
+    """What episodes are about, and their sensor: the network, or true readings.
 
     model   the network in the loop; None: the loop is closed on true readings
 
@@ -102,32 +102,32 @@ def stress_table(found: Mapping[str, Any]) -> Table:
     """What was measured, a row a controller; `found` as `results` gives it."""
     columns = (
         Column("controller"),
-        Column("constant targets settled"),
-        Column("steps to settle, median", digits=0),
-        Column("overshoot, 90 %", "%", digits=0),
+        Column("targets settled"),
+        Column("settling steps, median", digits=0),
+        Column("overshoot, 90th percentile", "%", digits=0),
         Column("steady-state error, median", "%", digits=1),
-        Column("largest contact force, 99 %", "N", digits=2),
-        Column("episodes with a contact beyond its limit"),
+        Column("largest contact force, 99th percentile", "N", digits=2),
+        Column("episodes beyond a contact limit"),
         Column("commands beyond limits"),
-        Column("episodes released after 1 s or never"),
-        Column("episodes unrecovered"),
-        Column("episodes given up by the guard"),
+        Column("episodes released late (> 1 s)"),
+        Column("episodes not recovered"),
+        Column("episodes aborted by the guard"),
     )
     rows = tuple(
         (
             name,
-            f"{told['settled']} of {told['constant_targets']}",
-            _of(told["settling_steps"], "median"),
-            _of(told["overshoot_percent"], "p90"),
-            _of(told["steady_state_percent"], "median"),
-            _of(told["largest_contact"], "p99"),
-            *(told[key] for key in ("outside_contact_limit", "commands_outside")),
-            *(told[key] for key in ("released_late", "unrecovered", "given_up")),
+            f"{each['settled']} of {each['constant_targets']}",
+            _of(each["settling_steps"], "median"),
+            _of(each["overshoot_percent"], "p90"),
+            _of(each["steady_state_percent"], "median"),
+            _of(each["largest_contact"], "p99"),
+            *(each[key] for key in ("outside_contact_limit", "commands_outside")),
+            *(each[key] for key in ("released_late", "unrecovered", "given_up")),
         )
-        for name, told in found["controllers"].items()
+        for name, each in found["controllers"].items()
     )
     about = found["about"]
-    note = f"{about['episodes']} episodes each, judged on true readings of {about['sensor']['name']}"
+    note = f"{about['episodes']} episodes each, evaluated on true readings of {about['sensor']['name']}"
     return Table("stress", "Closed loop under stress", columns, rows, note)
 
 

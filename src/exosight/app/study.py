@@ -1,4 +1,4 @@
-"""The study: data → networks → judgement → closed loop → report, each stage kept on disk as it is done."""
+"""The study: data → networks → evaluation → closed loop → report, each stage kept on disk as it is done."""
 
 import shlex
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from exosight.app.data import Data, load
 from exosight.app.output import new_folder
 from exosight.app.pipeline import MODEL, camera_of, check_training, fit
 from exosight.app.report import write_report, write_tables
-from exosight.app.results import Judgement, LoopResult, RobustnessSummary, TrainingRun
+from exosight.app.results import LoopResult, NetworkResult, RobustnessSummary, TrainingRun
 from exosight.app.study_config import CONFIG, PRESETS, RunConfig, StudyConfig, read_config, to_text
 from exosight.app.study_report import Results, build_report
 from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials
@@ -52,22 +52,29 @@ def run_study(config: StudyConfig, out: Path, *, resume: bool = False) -> Path:
     data = _data(config, folder)
     protocols = dict.fromkeys(run.protocol for run in config.runs)
     splits = {protocol: make_split(data.frames, protocol, config.seed) for protocol in protocols}
-    trained, judgements, estimators = [], [], []
+    trained, network_results, estimators = [], [], []
     for run in config.runs:
         split = splits[run.protocol]
         with progress(f"training {run.name}", "steps") as update:
             history = fit(data, split, run.training, folder / run.folder, resume=True, progress=update)
         estimator = OnnxEstimator.load(folder / run.folder / MODEL, threads=2)
         trained.append(_training_run(run, split, history, estimator))
-        judgements.append(_judgement(run, split, data, estimator))
+        network_results.append(_network_result(run, split, data, estimator))
         estimators.append(estimator)
-    steering = estimators[0]
-    say("judging the estimate on degraded images")
-    robustness = _robustness(config, steering, data, splits[config.runs[0].protocol].test)
-    loops = _closed_loops(config, steering, data.manifest.camera, folder)
+    say("evaluating on degraded images")
+    robustness = _robustness(config, estimators[0], data, splits[config.runs[0].protocol].test)
+    loops = _closed_loops(config, estimators[0], data.manifest.camera, folder)
     say("writing the report")
     results = Results(
-        config, data, splits, trained, judgements, robustness, steering, loops, _exosuit(config.data)
+        config,
+        data,
+        splits,
+        trained,
+        network_results,
+        robustness,
+        estimators[0],
+        loops,
+        _exosuit(config.data),
     )
     page = build_report(results, _command(config, out))
     if not (folder / "tables").exists():
@@ -123,10 +130,10 @@ def _recipe(run: RunConfig) -> Recipe:
     return RECIPES[resolve(run.training, "cpu", "float32").recipe]
 
 
-def _judgement(run: RunConfig, split: Split, data: Data, estimator: OnnxEstimator) -> Judgement:
+def _network_result(run: RunConfig, split: Split, data: Data, estimator: OnnxEstimator) -> NetworkResult:
     frames = data.frames
     true, estimated = frames.labels[split.test], estimator.estimate(frames.images[split.test])
-    return Judgement(run.name, frames.schema, true.astype(float), estimated.astype(float))
+    return NetworkResult(run.name, frames.schema, true.astype(float), estimated.astype(float))
 
 
 def _robustness(

@@ -59,7 +59,7 @@ def _all_different(runs: tuple[RunConfig, ...]) -> tuple[RunConfig, ...]:
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class StudyConfig:
-    """A whole study; the first run steers the closed loop and is drawn in the figures."""
+    """A whole study; the first run is the sensor of the closed loop and is drawn in the figures."""
 
     data: Annotated[GenerateConfig, AfterValidator(_of_the_published_system)]
     """What is simulated: the published system."""

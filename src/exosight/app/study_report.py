@@ -15,8 +15,8 @@ from exosight.app.data import Data
 from exosight.app.report import Report
 from exosight.app.results import (
     DataSummary,
-    Judgement,
     LoopResult,
+    NetworkResult,
     PathSummary,
     RobustnessSummary,
     TrainingRun,
@@ -55,9 +55,9 @@ class Results:
     splits: Mapping[str, Split]
     """Protocol → division."""
     runs: Sequence[TrainingRun]
-    judgements: Sequence[Judgement]
+    network_results: Sequence[NetworkResult]
     robustness: RobustnessSummary
-    steering: OnnxEstimator
+    estimator: OnnxEstimator
     """The first network, for the overview."""
     loops: Sequence[LoopResult]
     exosuit: Exosuit
@@ -74,18 +74,18 @@ def build_report(results: Results, command: str) -> Report:
     schema = motion.system.schema
     versions = {name: metadata.version(name) for name in ("exosight", "jax", "numpy", "torch", "onnxruntime")}
     return Report(
-        title="Contact forces of a soft finger exosuit, read from images",
+        title="Contact forces of a soft finger exosuit, estimated from images",
         summary=(
-            "A simulated study: exosuits bend a finger, a camera looks on, a network learns to read the "
-            "contact forces off the pictures, and a controller uses it as its force sensor."
+            "A simulation study: exosuits bend a finger, a network is trained to estimate the contact forces "
+            "from camera images, and a controller uses it as its force sensor."
         ),
         sections=(
-            chapters.introduction(_overview(motion, results.steering), schema),
-            chapters.headline(results.runs, results.judgements, results.robustness, results.loops),
+            chapters.introduction(_overview(motion, results.estimator), schema),
+            chapters.headline(results.runs, results.network_results, results.robustness, results.loops),
             chapters.motion(_path_summary(motion)),
             chapters.data_section(_data_summary(results)),
             chapters.learning(results.runs, schema.outputs),
-            chapters.accuracy(results.judgements),
+            chapters.accuracy(results.network_results),
             chapters.robustness_section(results.robustness),
             *(chapters.closed_loop(loop) for loop in results.loops),
             chapters.limits(),

@@ -1,4 +1,4 @@
-"""A system without load, drawn in the x–z plane with its zones named, and what its cameras see."""
+"""A system without load, drawn in the x–z plane with its zones named, and its camera images."""
 
 import io
 

@@ -1,15 +1,15 @@
 """How good an estimator is: numbers, tables and figures, of the published system beside the paper's.
 
 metrics         RMSE, RMS% of range and Pearson's r of every output
-details         R², contact or none, rare errors, loading against unloading
-coverage        whether intervals hold what they promise
-ood_detection   whether the OOD score tells images apart
+details         R², contact detection, rare errors, loading against unloading
+coverage        coverage and width of prediction intervals
+ood_detection   AUROC of the OOD score
 robustness      estimates from noisy and low-contrast images
-baselines       what is known of the outputs without an image
+baselines       estimates without an image
 published       the paper's results
 naming          names and units by the schema
 tables          rows with units, for report, terminal, CSV and JSON
-figures         what the paper shows, and what it does not
+figures         the figures, one look for all
 """
 
 from exosight.evaluation.baselines import evaluate_baselines

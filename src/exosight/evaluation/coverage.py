@@ -1,4 +1,4 @@
-"""Whether intervals hold what they promise: the share of true values inside, and how wide they are."""
+"""Coverage of prediction intervals: the share of true values inside, and their width."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -105,7 +105,7 @@ def calibration_table(name: str, caption: str, found: Coverage) -> Table:
     rows.append(("mean", *np.where(defined.any(axis=0), means, np.nan).tolist()))
     levels = ", ".join(f"{100 * level:g}" for level in found.levels)
     note = f"Mean of |share inside − promised share| over intervals of {levels} %."
-    note += " A force estimated as zero mostly is exactly zero: those intervals hold more than they promise."
+    note += " A force estimated as zero mostly is exactly zero: those intervals cover more than promised."
     return Table(name, caption, columns, tuple(rows), note)
 
 

@@ -1,4 +1,4 @@
-"""Whether the OOD score tells: against what was never trained with, and where it need not."""
+"""Out-of-distribution detection: how well the OOD score separates other images from clean test images."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ CLEAN = 0.01
 
 @dataclass(frozen=True)
 class OodDetection:
-    """One kind of image that an estimator should not trust."""
+    """One kind of out-of-distribution images."""
 
     kind: str
     frames: int
@@ -33,7 +33,7 @@ class OodDetection:
 
 
 def auroc(usual: Float[np.ndarray, " usual"], ood: Float[np.ndarray, " ood"]) -> float:
-    """The probability that an unlike image scores higher than a usual one, ties counting half [-].
+    """Probability that an out-of-distribution image scores higher than a clean one, ties counting half [-].
 
     It is the area under the receiver operating characteristic, and Mann and Whitney's U over both numbers.
 
@@ -51,10 +51,9 @@ def auroc(usual: Float[np.ndarray, " usual"], ood: Float[np.ndarray, " ood"]) ->
 def evaluate_ood_detection(
     ood: Callable[[Images, Places], Scores], images: Images, usual: Scores, seed: int
 ) -> tuple[OodDetection, ...]:
-    """Judge the score on held-out backgrounds and occlusions, and on pictures without the plant.
+    """Evaluate the score on held-out backgrounds and occlusions, and on images of other things.
 
-    ood      images, and the frames of the test part in whose place each is seen → how unlike those learned
-             from they are, as a share of the limit
+    ood      images, and the frames of the test part that each replaces → OOD scores; the limit is 1
     images   of the test part; held-out cases are made from those before the renderer's background, and are
              left out if none is
     usual    the scores of these
@@ -93,6 +92,6 @@ def ood_detection_table(name: str, caption: str, found: tuple[OodDetection, ...]
     rows: tuple[tuple[Cell, ...], ...] = tuple((f.kind, f.frames, f.auroc, 100 * f.flagged) for f in found)
     note = (
         "AUROC: probability that such an image scores higher than a clean one of the same test frames. "
-        "Flagged: above the limit, so that the estimator says not to trust it."
+        "Flagged: above the limit."
     )
     return Table(name, caption, columns, rows, note)

@@ -1,11 +1,11 @@
-"""Sections on the estimator: how it learned, how accurate and how robust it is."""
+"""Sections on the estimator: its training, accuracy and robustness."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from exosight.app.report import Block, Picture, Section
-from exosight.app.results import Judgement, RobustnessSummary, TrainingRun
+from exosight.app.results import NetworkResult, RobustnessSummary, TrainingRun
 from exosight.evaluation import figures, published
 from exosight.evaluation.naming import kind, span, sums
 from exosight.evaluation.tables import (
@@ -50,31 +50,31 @@ def learning(runs: Sequence[TrainingRun], outputs: Sequence[str]) -> Section:
         blocks.append(
             Picture(
                 figures.loss_curves(*_curves(run), run.loss),
-                f"Loss of the {run.name}: on the frames learned from and on the validation frames, and the "
+                f"Loss of the {run.name}: on the training frames and on the validation frames, and the "
                 "learning rate. Dotted lines mark where a constant learning rate was lowered.",
                 f"Training and validation loss over {len(run.history)} epochs, with the learning rate below.",
             )
         )
-    return Section("Learning", tuple(blocks))
+    return Section("Training", tuple(blocks))
 
 
-def accuracy(judgements: Sequence[Judgement]) -> Section:
-    """Compare estimated with true forces on the test frames; the figures show the first judgement."""
-    first = judgements[0]
+def accuracy(network_results: Sequence[NetworkResult]) -> Section:
+    """Compare estimated with true forces on the test frames; the figures show the first result."""
+    first = network_results[0]
     schema, shown = first.schema, (first.schema, first.true, first.estimated)
     outputs, number = span(schema.outputs), len(schema.outputs) + len(sums(schema))
     panels = " and ".join([outputs, *sums(schema)])
     blocks: list[Block] = [
-        "All numbers are for test frames, of which the network has learned nothing. RMSE is the root mean "
+        "All numbers are for test frames, which were not used in training. RMSE is the root mean "
         "square error, RMS% the same over the range of the true force, and r Pearson's correlation.",
     ]
-    if len(judgements) > 1:
-        means = {judgement.name: judgement.scores for judgement in judgements}
+    if len(network_results) > 1:
+        means = {result.name: result.scores for result in network_results}
         note = "The paper's values are for its split by frame and stand in every row for comparison."
         blocks.append(mean_table("accuracy", f"Mean ± SD over {outputs}", means, "network, split", note))
     blocks += [
-        sensor_table(f"{kind(schema)}s_{place}", f"Each {kind(schema)}: {judgement.name}", judgement.scores)
-        for place, judgement in enumerate(judgements, start=1)
+        sensor_table(f"{kind(schema)}s_{place}", f"Each {kind(schema)}: {result.name}", result.scores)
+        for place, result in enumerate(network_results, start=1)
     ]
     blocks += [
         largest_table("largest_forces", f"Largest forces: {first.name}", first.scores),
@@ -102,10 +102,10 @@ def accuracy(judgements: Sequence[Judgement]) -> Section:
 
 
 def robustness_section(robustness: RobustnessSummary) -> Section:
-    """Show what noise and low contrast do to the estimate."""
+    """Accuracy on images with noise and low contrast."""
     outputs = span(next(iter(robustness.cases.values())).schema.outputs)
-    learned = (
-        "It has learned from pictures with noise and other grays, drawn anew, as well; the paper's has not."
+    training = (
+        "It was also trained on images with random noise and contrast; the paper's was not."
         if robustness.learned
         else "None of this was part of the training."
     )
@@ -113,7 +113,7 @@ def robustness_section(robustness: RobustnessSummary) -> Section:
         "Robustness",
         (
             "The same test frames with noise added or contrast taken away, as in the paper "
-            f"({robustness.name}). {learned}",
+            f"({robustness.name}). {training}",
             Picture(
                 figures.corrupted_examples(robustness.examples),
                 "Test frames, clean and degraded.",

@@ -12,9 +12,9 @@ from exosight.evaluation import figures, published
 from exosight.evaluation.tables import OURS, PAPER, Cell, Column, Table
 
 _SHIPPED = (
-    "This is the network that comes with exosight and answers in `exosight estimate`. It was trained longer, "
-    "on thousands of exosuits, but not on the controller's: its card says which. It may have learned from "
-    "exosuits of this study, and is therefore not judged on them."
+    "This is the network that comes with exosight and is used by `exosight estimate`. It was trained longer, "
+    "on thousands of exosuits, but not on the controller's (see its model card). Exosuits of this study may "
+    "be among its training data, so its accuracy on them is not reported."
 )
 
 
@@ -25,25 +25,25 @@ def closed_loop(loop: LoopResult) -> Section:
     shown = min(steps, key=lambda trial: abs(trial.gain - 1)).record
     moments = np.linspace(0, len(shown.time) - 1, 6).round().astype(int)
     return Section(
-        f"In closed loop: {loop.name}",
+        f"Closed loop: {loop.name}",
         (
-            "The controller sees images alone. At each step the network estimates F_net, and the actuation "
+            "The controller uses images alone. At each step the network estimates F_net, and the actuation "
             "is raised by K_P times the difference between target and estimate. The true F_net is known to "
-            "the simulation and is drawn for comparison, but the controller never sees it.",
+            "the simulation and is drawn for comparison; the controller does not use it.",
             *((_SHIPPED,) if loop.shipped else ()),
             Picture(
                 steady_states([trial.record for trial in constant]),
                 f"Constant targets, K_P = {constant[0].gain:g}. Above: the true force of the simulation and "
-                "the force that the network read from the images. Below: the actuation; the dotted line is "
-                "the largest one in the training data.",
+                "the force that the network estimated from the images. Below: the actuation; the dotted line "
+                "is the largest one in the training data.",
                 "Line plots over time of true and estimated F_net for each target, and of the actuation "
                 "below.",
             ),
             _constant_table(constant, loop.folder),
             Picture(
                 step_responses({trial.gain: trial.record for trial in steps}),
-                "Step responses: the target is held, then switched to 0 N. Error: target minus estimate, as "
-                "the controller sees it.",
+                "Step responses: the target is held, then switched to 0 N. Error: target minus estimate, the "
+                "input of the controller.",
                 "Line plots over time of F_net, error and actuation, a line for each gain.",
             ),
             Picture(

@@ -15,7 +15,7 @@ def introduction(overview: Figure, schema: Schema) -> Section:
     """Say what the system is to a reader who meets it for the first time."""
     outputs, spheres = span(schema.outputs), span(contacts(schema))
     return Section(
-        "What this is",
+        "System",
         (
             "A soft exosuit is a silicone rod worn along the back of a finger. Actuated, it bends and "
             "pushes the finger closed. How hard it pushes, and where, is difficult to measure: a sensor "
@@ -44,7 +44,7 @@ def motion(path: PathSummary) -> Section:
     chosen = np.linspace(0, int(np.argmax(path.u)), 6).round().astype(int)
     snaps = int(path.snaps.sum())
     return Section(
-        "How the exosuit moves",
+        "Loading path",
         (
             "Each pose is a stable equilibrium: a minimum of the potential energy of rod, joints, contact "
             "and actuation. The actuation u rises from 0 N and falls back, and each pose is the start of "

@@ -6,7 +6,7 @@ from typing import Annotated
 from pydantic import Field
 
 from exosight.app.commands.options import Json
-from exosight.app.console import check_json_target, progress, show, write_json
+from exosight.app.console import check_json_target, progress, show_or_write
 from exosight.evaluation.tables import Column, Table
 
 UNITS = {
@@ -44,12 +44,9 @@ def bench(
 
     with progress("measuring", "steps") as update:
         found = asdict(run(per_scenario, update))
-    if json is not None:
-        write_json(found, json)
-        return
     rows = []
     for name, value in found.items():
-        words = f"{value:.4g}" if isinstance(value, float) else str(value)
-        rows.append((name.replace("_", " "), words, UNITS.get(name, "")))
+        text = f"{value:.4g}" if isinstance(value, float) else str(value)
+        rows.append((name.replace("_", " "), text, UNITS.get(name, "")))
     columns = (Column("quantity"), Column("value"), Column("unit"))
-    show(Table("bench", "Equilibria of the worn exosuit", columns, tuple(rows)))
+    show_or_write([Table("bench", "Equilibria of exosuit and finger", columns, tuple(rows))], found, json)

@@ -1,14 +1,12 @@
 """`exosight control`: the closed loop, with a network or the true reading as its sensor."""
 
-from contextlib import nullcontext
 from typing import Annotated
 
 import tyro
 from pydantic import Field
 
 from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath
-from exosight.app.console import check_json_target, say, show, write_json
-from exosight.app.output import new_folder
+from exosight.app.console import check_json_target, results_folder, show_or_write
 
 Target = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -66,13 +64,8 @@ def control(
         asked = published_trials()
     else:
         asked = held_and_released(driven, loop.sensor, loop.channel, targets, gains)
-    with new_folder(out) if out is not None else nullcontext() as folder:
+    with results_folder(out) as folder:
         trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
         if folder is not None:
             write_trials(trials, model and str(model), driven.camera(), folder)
-    if out is not None:
-        say(f"wrote {out}")
-    if json is None:
-        show(trials_table(trials))
-    else:
-        write_json({"trials": summaries(trials)}, json)
+    show_or_write([trials_table(trials)], {"trials": summaries(trials)}, json)

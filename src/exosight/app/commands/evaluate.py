@@ -1,11 +1,9 @@
-"""`exosight evaluate`: a network judged on a dataset."""
+"""`exosight evaluate`: a network on a dataset."""
 
-from contextlib import nullcontext
 from pathlib import Path
 
 from exosight.app.commands.options import Json, MaybePath, Seed
-from exosight.app.console import check_json_target, say, show, write_json
-from exosight.app.output import new_folder
+from exosight.app.console import check_json_target, results_folder, say, show_or_write
 
 
 def evaluate(
@@ -15,9 +13,9 @@ def evaluate(
     seed: Seed = 0,
     json: Json = None,
 ) -> None:
-    """Judge a network: accuracy, intervals, robustness, and detection of out-of-distribution images.
+    """Evaluate a network: accuracy, intervals, robustness, and detection of out-of-distribution images.
 
-    On the dataset that the network learned from, only the test part of its split counts, and what is known
+    On the dataset that the network was trained on, only the test part of its split counts, and what is known
     without an image stands beside; on any other of its system, all frames do. Images are taken clean, with
     the paper's noise and contrast, and out of distribution. Of the published system, the paper's values stand
     beside.
@@ -36,22 +34,17 @@ def evaluate(
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: Matplotlib takes a second to import.
     from exosight.app.data import load
-    from exosight.app.evaluation import evaluate as judge
+    from exosight.app.evaluation import evaluate as run
     from exosight.app.evaluation import write_evaluation
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 
     place = model or DEFAULT_MODEL
-    with new_folder(out) if out is not None else nullcontext() as folder:
+    with results_folder(out) as folder:
         estimator = OnnxEstimator.load(place, threads=2)
-        found = judge(estimator, load(data), seed)
+        found = run(estimator, load(data), seed)
         say(found.frames)
         if folder is not None:
             about = {"model": str(model or place.name), "data": str(data), "seed": seed}
             write_evaluation(found, about, estimator, folder)
-    if out is not None:
-        say(f"wrote {out}")
-    if json is None:
-        for table in found.tables:
-            show(table)
-    else:
-        write_json({"frames": found.frames, **{t.name: t.records() for t in found.tables}}, json)
+    values = {"frames": found.frames, **{table.name: table.records() for table in found.tables}}
+    show_or_write(found.tables, values, json)

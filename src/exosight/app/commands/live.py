@@ -71,9 +71,9 @@ def live(
     model: MaybePath = None,
     json: Json = None,
 ) -> None:
-    """Press with a force, in real time: see, estimate, decide, act.
+    """Control a force in real time: image, estimate, control law, actuator.
 
-    Without a source, a simulated system is looked at and actuated. However the loop ends, Ctrl-C included,
+    Without a source, the system is simulated. However the loop ends, Ctrl-C included,
     the command first returns to 0. At the start the controller is tuned on a simulation of the system,
     which takes some seconds. The published system has the exosuit of the paper's controller (r0 0.01,
     r1 0.005, length 0.095) unless options say otherwise.

@@ -1,7 +1,7 @@
 """`exosight replay`: the frames of a recorded run through network and guard once more."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
@@ -9,13 +9,16 @@ import tyro
 from exosight.app.commands.options import Json, MaybePath
 from exosight.app.console import check_json_target, say, show, write_json
 
+if TYPE_CHECKING:
+    from exosight.control.recording import Recording, Replay
+
 
 def replay(
     recording: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FILE")]],
     model: MaybePath = None,
     json: Json = None,
 ) -> None:
-    """Show a recorded run to network and guard once more, and compare.
+    """Run network and guard on the frames of a recorded run, and compare.
 
     With the same network the same estimates, states and commands come out; with another one, what that would
     have read and asked for.
@@ -37,47 +40,51 @@ def replay(
 
     place = model or DEFAULT_MODEL
     network = OnnxEstimator.load(place, alone=True)
-    told = read_recording(recording)
-    config = told.controller
+    recorded = read_recording(recording)
+    config = recorded.controller
     network.card.check_fits(config.schema, "recording")
-    again = run(told, network.read)
-    outputs = float(np.abs(again.estimated - told.estimated).max())
-    u = float(np.abs(again.command - told.command).max())
-    states = int(np.count_nonzero(again.state != told.state))
-    same = checksum(place) == told.model
+    again = run(recorded, network.read)
+    outputs = float(np.abs(again.estimated - recorded.estimated).max())
+    u = float(np.abs(again.command - recorded.command).max())
+    states = int(np.count_nonzero(again.state != recorded.state))
+    same = checksum(place) == recorded.model
     if json is None:
-        show(timing_table(told.seconds, told.late))
-        for i in np.flatnonzero(told.cause != b""):
-            say(f"{told.time[i]:7.1f} s  {STATES[told.state[i]].value}: {told.cause[i].decode()}")
+        show(timing_table(recorded.seconds, recorded.late))
+        for i in np.flatnonzero(recorded.cause != b""):
+            state = STATES[recorded.state[i]].value
+            say(f"{recorded.time[i]:7.1f} s  {state}: {recorded.cause[i].decode()}")
     else:
-        write_json(
-            {
-                "same_network": same,
-                "sensor": {"name": config.sensor, "unit": config.controlled.unit},
-                "channel": {"name": config.channel, "unit": config.driven.unit},
-                "outputs": {spec.name: spec.unit for spec in config.schema.estimated},
-                "steps": [
-                    {
-                        "time_s": float(told.time[i]),
-                        "target": float(told.target[i]),
-                        "estimated": told.estimated[i].tolist(),
-                        "estimated_replayed": again.estimated[i].tolist(),
-                        "command": float(told.command[i]),
-                        "command_replayed": float(again.command[i]),
-                        "state": STATES[told.state[i]].value,
-                        "state_replayed": STATES[again.state[i]].value,
-                    }
-                    for i in range(len(told))
-                ],
-            },
-            json,
-        )
+        write_json({"same_network": same, **_steps(recorded, again)}, json)
     whose = "the network of the recording" if same else "another network than the recording's"
     if outputs == u == states == 0:
-        say(f"{len(told)} steps, {whose}: the same estimates, states and commands")
+        say(f"{len(recorded)} steps, {whose}: the same estimates, states and commands")
     else:
         say(
-            f"{len(told)} steps, {whose}: estimates differ by up to {outputs:.3g}, {config.channel} by up to "
-            f"{u:.3g} {config.driven.unit}, "
-            f"the guard's state in {states} steps"
+            f"{len(recorded)} steps, {whose}: estimates differ by up to {outputs:.3g}, {config.channel} by "
+            f"up to {u:.3g} {config.driven.unit}, the guard's state in {states} steps"
         )
+
+
+def _steps(recorded: "Recording", again: "Replay") -> dict[str, Any]:
+    """What was controlled, and each step as recorded and as replayed, as plain values."""
+    from exosight.control.recording import STATES
+
+    config = recorded.controller
+    return {
+        "sensor": {"name": config.sensor, "unit": config.controlled.unit},
+        "channel": {"name": config.channel, "unit": config.driven.unit},
+        "outputs": {spec.name: spec.unit for spec in config.schema.estimated},
+        "steps": [
+            {
+                "time_s": float(recorded.time[i]),
+                "target": float(recorded.target[i]),
+                "estimated": recorded.estimated[i].tolist(),
+                "estimated_replayed": again.estimated[i].tolist(),
+                "command": float(recorded.command[i]),
+                "command_replayed": float(again.command[i]),
+                "state": STATES[recorded.state[i]].value,
+                "state_replayed": STATES[again.state[i]].value,
+            }
+            for i in range(len(recorded))
+        ],
+    }

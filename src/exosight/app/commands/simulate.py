@@ -5,7 +5,7 @@ from typing import Annotated, Any
 import tyro
 
 from exosight.app.commands.options import NO_OPTIONS, PUBLISHED, ExosuitOptions, Json, Numbers, SystemName
-from exosight.app.console import check_json_target, say, show, waiting, write_json
+from exosight.app.console import check_json_target, say, show_or_write, waiting
 from exosight.evaluation.tables import Column, Table
 from exosight.exosuit.shapes import TABLE_I, shape_to_dict
 
@@ -74,10 +74,7 @@ def simulate(
         result = {"exosuit": {**shape_to_dict(worn.shape), **about}, "units": UNITS, "path": records}
         table = _table(records)
     _say_lost(result["path"])
-    if json is None:
-        show(table)
-    else:
-        write_json(result, json)
+    show_or_write([table], result, json)
 
 
 def _say_lost(records: list[dict[str, Any]]) -> None:

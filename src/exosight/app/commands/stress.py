@@ -1,14 +1,12 @@
-"""`exosight stress`: the controllers in many random episodes in which much goes wrong."""
+"""`exosight stress`: the controllers in random episodes with disturbances."""
 
-from contextlib import nullcontext
 from typing import Annotated
 
 import tyro
 from pydantic import Field
 
 from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath, Seed
-from exosight.app.console import check_json_target, say, show, write_json
-from exosight.app.output import new_folder
+from exosight.app.console import check_json_target, results_folder, show_or_write
 from exosight.control.stress import StressConfig
 
 DEFAULT = StressConfig()
@@ -29,7 +27,7 @@ def stress(
 ) -> None:
     """Run the guarded controller and the paper's law in random episodes, all stepped side by side.
 
-    In each episode a target is followed and then drops to 0; frames come late, twice, spoilt or not at all,
+    In each episode a target is followed and then drops to 0; frames come late, twice, degraded or not at all,
     system and camera are not those that were tuned for, and the user moves. The sensor is a network
     that sees camera images; without one it is the true reading.
 
@@ -57,14 +55,9 @@ def stress(
 
     plants, look = prepare(find_system(loop.system), model, loop.sensor, loop.channel)
     gains = plants.gains if gains is None else gains
-    with new_folder(out) if out is not None else nullcontext() as folder:
+    with results_folder(out) as folder:
         outcomes = run_stress(config, episodes, seed, gains, plants, look)
         found = results(outcomes, about(config, episodes, seed, gains, model, plants))
         if folder is not None:
             write_stress(outcomes, found, folder)
-    if out is not None:
-        say(f"wrote {out}")
-    if json is None:
-        show(stress_table(found))
-    else:
-        write_json(found, json)
+    show_or_write([stress_table(found)], found, json)

@@ -17,7 +17,7 @@ def study(
     config: MaybePath = None,
     resume: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
 ) -> None:
-    """Simulate, train, judge and close the loop; write one HTML report beside the paper's results.
+    """Simulate, train, evaluate and close the loop; write one HTML report beside the paper's results.
 
     The folder gets the dataset, a folder for each network, the closed-loop trials, every table of the report
     as CSV and JSON, the report itself, and study.json, the configuration that makes all of it again.

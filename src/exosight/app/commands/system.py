@@ -1,4 +1,4 @@
-"""`exosight system`: descriptions of systems, listed, shown, begun and checked."""
+"""`exosight system`: descriptions of systems, listed, shown, started and checked."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import tyro
 
 from exosight.app.commands.options import Json, MaybePath
-from exosight.app.console import check_json_target, say, show, waiting, write_json
+from exosight.app.console import check_json_target, say, show_or_write, waiting
 from exosight.app.output import check_new_file
 from exosight.errors import InputError
 from exosight.evaluation.tables import Column, Table
@@ -20,9 +20,9 @@ Which = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME|
 
 
 def system(action: Action, name: Which = None, plot: MaybePath = None, json: Json = None) -> None:
-    """List, show, begin or check descriptions of systems: what is simulated, actuated, sensed and seen.
+    """List, show, start or check descriptions of systems: bodies, contacts, actuators, sensors, cameras.
 
-    A system is a preset of this package or a file of your own; docs/systems.md says what stands in one.
+    A system is a preset of this package or a file of your own; the format: docs/systems.md.
 
     Examples:
       exosight system list
@@ -35,7 +35,7 @@ def system(action: Action, name: Which = None, plot: MaybePath = None, json: Jso
         action: list the presets; show a system part by part; write a new file to start from; check
             a file and say in one sentence what is wrong in it and where
         name: the preset or file; for new, the file to write
-        plot: of show: draw the unloaded system and what its cameras see, to a new PNG file
+        plot: of show: draw the unloaded system and its camera images, to a new PNG file
         json: of list and show: write what is shown as JSON to a new file, or to stdout with "-"
     """
     if (name is None) != (action == "list"):
@@ -57,12 +57,11 @@ def system(action: Action, name: Which = None, plot: MaybePath = None, json: Jso
 def _list(json: str | None) -> None:
     from exosight.exosuit.catalogue import PRESETS
 
-    if json is not None:
-        write_json({"presets": PRESETS}, json)
-        return
-    rows = tuple(PRESETS.items())
-    show(Table("presets", "Systems of this package", (Column("name"), Column("what it is")), rows))
-    say("a system of your own: exosight system new FILE.toml")
+    columns = (Column("name"), Column("description"))
+    table = Table("presets", "Systems of this package", columns, tuple(PRESETS.items()))
+    show_or_write([table], {"presets": PRESETS}, json)
+    if json is None:
+        say("a system of your own: exosight system new FILE.toml")
 
 
 def _new(path: Path) -> None:
@@ -111,9 +110,5 @@ def _show(name: str, plot: Path | None, json: str | None) -> None:
             picture = system_figure(nominal)
         write_new_file(plot, picture)
         say(f"wrote {plot}")
-    if json is None:
-        for table in tables:
-            show(table)
-        return
     parts = {table.name: table.records() for table in tables}
-    write_json({"schema": schema_to_dict(nominal.schema), "parts": parts}, json)
+    show_or_write(tables, {"schema": schema_to_dict(nominal.schema), "parts": parts}, json)

@@ -44,7 +44,7 @@ def train(
     Args:
         data: folder of a dataset, from `exosight generate`
         out: folder of the run; it must not exist, unless --resume
-        extra_data: folders of further datasets to learn from; what --data keeps for judging is left out of
+        extra_data: folders of further datasets to learn from; what --data keeps for testing is left out of
             them, as is what --held-out names
         online_designs: designs of each scenario simulated anew for every epoch, and learned from in it alone
         pretrained: a network to start from in place of random weights: its model.onnx, or 'shipped'
@@ -92,7 +92,7 @@ def train(
     if not group.first:
         return
     parts = (len(split.train), len(split.validation), len(split.test))
-    say("{} of its frames learned from, {} to choose the best epoch with, {} left for testing".format(*parts))
+    say("frames: {} training, {} validation, {} test".format(*parts))
     best = min((r for r in history if r.validation_loss is not None), key=lambda r: r.validation_loss or 0.0)
     error = f"{best.validation_l1:.4f} {common_unit(loaded.frames.schema)}".rstrip()
     say(f"best epoch {best.epoch} of {len(history)}: mean absolute error on validation frames {error}")

@@ -55,11 +55,11 @@ def overview(
     _draw_exosuit(system, 100 * rod.centres, 100 * rod.radii)
     system.set(aspect="equal", xlabel="x [cm]", ylabel="z [cm]")
     system.margins(0.12)
-    system.set_title("1. The finger and its exosuit")
+    system.set_title("1. Finger and exosuit")
 
     show_image(camera, image)
     camera.set_xlabel(f"{image.shape[1]} × {image.shape[0]} pixels, gray")
-    camera.set_title("2. What the camera sees")
+    camera.set_title("2. Camera image")
 
     place = np.arange(len(forces))
     true, estimated = np.array(list(forces.values())).T
@@ -68,7 +68,7 @@ def overview(
     answer.set(yticks=place, yticklabels=list(forces), xlabel="contact force [N]")
     answer.invert_yaxis()
     answer.legend(loc="best")
-    answer.set_title("3. What the network answers")
+    answer.set_title("3. Estimated contact forces")
     for ax in (system, camera, answer):
         ax.set_anchor("N")
     return figure

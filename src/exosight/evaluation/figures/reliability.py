@@ -1,4 +1,4 @@
-"""Whether intervals hold what they promise."""
+"""Coverage of prediction intervals."""
 
 import numpy as np
 from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-// The third tab: a picture of one's own.
+// The third tab: an uploaded image.
 
 import { upload } from "./api.js";
 import { sensorTable } from "./charts.js";
@@ -23,9 +23,9 @@ export function estimate({ system, sensors, controlled, pixels }) {
       const strange = score > 1;
       by("verdict").className = `verdict ${strange ? "bad" : ""}`;
       by("verdict").textContent = strange
-        ? `Do not trust these estimates: the picture is unlike those learned from (score ${fixed(score, 2)}, trusted up to 1).`
-        : `${controlled} ${quantity(estimates[controlled].value, unit)}; the picture is like those learned from (score ${fixed(score, 2)}).`;
-      by("file-cause").textContent = `Guard, shown this picture: ${found.guard.state}; ${found.guard.cause}.`;
+        ? `Do not trust these estimates: the image is out of distribution (OOD score ${fixed(score, 2)}, trusted up to 1).`
+        : `${controlled} ${quantity(estimates[controlled].value, unit)}; the image is within the training distribution (OOD score ${fixed(score, 2)}).`;
+      by("file-cause").textContent = `Guard, given this image: ${found.guard.state}; ${found.guard.cause}.`;
       by("result").hidden = by("file-result").hidden = false;
     } catch (error) {
       by("file-problem").textContent = `Not estimated: ${error.message}.`;

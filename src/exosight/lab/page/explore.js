@@ -85,7 +85,7 @@ export function explore(about, problem) {
     by("ood_score").textContent = `${fixed(score, 2)}${score > 1 ? ", do not trust" : ""}`;
     by("guard").textContent = state;
     by("guard").className = `state ${state}`;
-    by("guard-cause").textContent = `Guard, shown this picture: ${cause}.`;
+    by("guard-cause").textContent = `Guard, given this image: ${cause}.`;
   }
 
   /** The stops of a drive; a system of several channels names the one that moved. */
@@ -131,7 +131,7 @@ export function explore(about, problem) {
     try {
       path = { ...await ask("/api/path", asked(), own.signal), key };
       const ends = [0, channel.peak, path.unloading.at(-1)[0]].map((each) => String(each).replace("-", "−")).join(" → ");
-      by("path-note").textContent = `${path.loading.length + path.unloading.length - 1} equilibria, ${ends} ${channel.unit} in steps of ${path.step} ${channel.unit}; where the two differ the system has snapped. Thin: where you have been.`
+      by("path-note").textContent = `${path.loading.length + path.unloading.length - 1} equilibria, ${ends} ${channel.unit} in steps of ${path.step} ${channel.unit}; where the two differ the system has snapped. Thin: commands visited.`
         + (estimates ? " Open circle: estimate." : "") + (path.stable ? "" : " At some commands no stable pose was found.");
       drawPath();
     } catch (error) {
