@@ -1,4 +1,8 @@
-"""The array type of data that passes between compiled code and NumPy."""
+"""The array type of data that passes between compiled code and NumPy.
+
+Importing this module switches JAX to float64: equilibria are solved to 1e-9 relative, which single precision
+cannot represent.
+"""
 
 from typing import Any
 
@@ -6,6 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+
+jax.config.update("jax_enable_x64", True)
 
 AnyArray = jax.Array | np.ndarray
 """An array of JAX or of NumPy: results are read with either, and constructors take either."""

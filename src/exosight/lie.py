@@ -2,21 +2,17 @@
 
 Twists are ordered [angular; linear], wrenches [moment; force]; a pose is a 4×4 matrix
 g = [R p; 0 1] that maps local to world coordinates. Every function takes leading batch
-dimensions. Importing this module switches JAX to float64: equilibria are solved to 1e-9
-relative, which single precision cannot represent.
+dimensions.
 
 Source of the closed forms: Selig, Geometric Fundamentals of Robotics, 2005, ch. 4;
 Barfoot, State Estimation for Robotics, 2017, eq. 7.86 (left Jacobian of SE(3)).
 """
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
-
-jax.config.update("jax_enable_x64", True)
 
 # The five functions of θ² below are Σ_k (−θ²)^k c_k. Up to one radian eleven terms of the series are
 # exact to the last bit, and so are their first and second derivatives; the closed forms lose all

@@ -149,12 +149,12 @@ def test_newton_converges_quadratically() -> None:
         solve(
             robot, [2.5], state=start, options=SolverOptions(tolerance=1e-15, max_iterations=steps)
         ).residual[0]
-        for steps in range(1, 5)
+        for steps in range(1, 6)
     ]
     assert residuals[0] > 1e-2
     for before, after in pairwise(residuals):
-        assert after < 3 * before**2, residuals
-    assert residuals[-1] < 1e-12  # from 0.2 in three steps
+        assert after < max(3 * before**2, 1e-14), residuals
+    assert residuals[-1] < 1e-14
 
 
 def test_an_unfinished_solve_says_so() -> None:

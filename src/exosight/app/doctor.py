@@ -60,6 +60,8 @@ class Health:
     extras: tuple[Extra, ...]
     jax: str
     """What JAX computes on, or why it does not."""
+    energies: str
+    """How the solver evaluates energies."""
     torch: str
     """What PyTorch trains on, or why it does not."""
     estimator: str
@@ -91,6 +93,7 @@ def examine() -> Health:
         core=core,
         extras=extras,
         jax=_try_jax(),
+        energies=_try_programs(),
         torch=_try_torch(),
         estimator=estimator,
         cache=_cache(),
@@ -142,6 +145,16 @@ def _try_jax() -> str:
         return f"does not work: {_first_line(error)}"
     kinds = [(device.platform, device.device_kind) for device in devices]
     return ", ".join(where if where == kind else f"{where}: {kind}" for where, kind in kinds)
+
+
+def _try_programs() -> str:
+    try:
+        from exosight.scalar_program import obstacle
+
+        why = obstacle()
+    except Exception as error:
+        why = _first_line(error)
+    return f"by XLA only: {why}" if why else "by scalar programs on a CPU, by XLA elsewhere"
 
 
 def _try_torch() -> str:

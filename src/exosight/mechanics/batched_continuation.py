@@ -18,7 +18,10 @@ from exosight.arrays import AnyArray
 from exosight.cpu import cores
 from exosight.mechanics.continuation import stepper
 from exosight.mechanics.continuation_state import SNAPS, ContinuationState, Records, begin
+from exosight.mechanics.equilibrium import SolverOptions
+from exosight.mechanics.evaluator import by_program, by_xla, program_of
 from exosight.mechanics.metric import metric_of
+from exosight.scalar_program import Unrolled
 
 ROOM = 8, 64
 """Loads that a lane takes at a time, on short paths and on others; longer ones go on in the same lane.
@@ -77,9 +80,7 @@ class Solutions(NamedTuple):
 
 def solve(
     problems: Problems,
-    tolerance: float,
-    max_iterations: int,
-    lanes: int | None = None,
+    options: SolverOptions,
     done: Callable[[int], None] = lambda robots: None,
 ) -> Solutions:
     """Every robot brought to its loads, one after the other.
@@ -89,10 +90,13 @@ def solve(
     robots, count = problems.loads.shape[:2]
     on_cpu = jax.default_backend() == "cpu"
     # As suits the device (eight share the cache of a core), but no more than the robots fill.
-    lanes = min(lanes or (8 if on_cpu else 2048), 1 << max(0, robots - 1).bit_length())
+    lanes = min(options.lanes or (8 if on_cpu else 2048), 1 << max(0, robots - 1).bit_length())
     short, long = ROOM
     room = short if count <= short else long
-    compiled = _compiled(problems.structure)
+    shapes = tuple(leaf.shape[1:] for leaf in problems.leaves)
+    channels = problems.loads.shape[2]
+    program = program_of(problems.structure, shapes, channels) if options.unrolled else None
+    compiled = _compiled(problems.structure, program)
     queue = _Queue(robots)
     found = _nothing(problems)
 
@@ -111,7 +115,7 @@ def solve(
         while any(i >= 0 for i in numbers) and not queue.stopped:
             # While robots wait, come back as soon as a quarter of the lanes is free for them.
             enough = min(lanes, numbers.count(-1) + max(1, lanes // 4))
-            state, metrics = compiled(rows, lane, tolerance, max_iterations, enough)
+            state, metrics = compiled(rows, lane, options.tolerance, options.max_iterations, enough)
             lane, metrics = lane._replace(state=jax.tree.map(np.array, state)), np.asarray(metrics)
             full = lane.state.snaps >= SNAPS // 2
             arrived = lane.state.load == lane.total
@@ -239,7 +243,7 @@ class _Queue:
 
 
 @lru_cache(maxsize=64)
-def _compiled(structure: Hashable) -> Callable:
+def _compiled(structure: Hashable, program: Unrolled | None) -> Callable:
     """Step every robot until `enough` of them have all their loads behind them; also the robots' metrics.
 
     For robots of one structure: (its arrays with a leading axis of lanes, lanes, tolerance, max_iterations,
@@ -251,7 +255,8 @@ def _compiled(structure: Hashable) -> Callable:
     ) -> tuple[ContinuationState, Array]:
         def one(leaves: list[Array], lane: _Lane) -> tuple[ContinuationState, Array]:
             robot = jax.tree.unflatten(structure, leaves)
-            step = stepper(robot, lane.loads, lane.total, tolerance, max_iterations)
+            evaluator = by_xla(robot) if program is None else by_program(program, robot)
+            step = stepper(robot, evaluator, lane.loads, lane.total, tolerance, max_iterations)
 
             def going(state: ContinuationState) -> Array:
                 waiting = (state.load == lane.total) | (state.snaps >= SNAPS // 2)

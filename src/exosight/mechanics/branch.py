@@ -147,7 +147,6 @@ def bracket(metric: Metric, anchor: Anchor, beyond: Beyond, narrow: Float[AnyArr
     place = jnp.where(fold, meeting, jnp.where(straight, s_b, corner))
     sound = (place > 0) & (place <= 4 * metric.size(between)) & ~(straight & ~fold & (s_b <= 0))
     end = anchor.t + dt_a * place
-    top = jnp.where(fold, jnp.maximum(anchor.t, beyond.t), anchor.t)
     even = beyond.tries % 2 == 0
     s = jnp.where(
         fold,
@@ -157,5 +156,5 @@ def bracket(metric: Metric, anchor: Anchor, beyond: Beyond, narrow: Float[AnyArr
     far = fold & (s > 0.5 * s_b)
     q = jnp.where(far, beyond.q + dq_b * (s - s_b), anchor.q + dq_a * s)
     t = jnp.where(far, beyond.t + dt_b * (s - s_b), anchor.t + dt_a * s)
-    found = sound & ((end - top <= narrow) | (beyond.tries >= 40))
+    found = sound & ((end - anchor.t <= narrow) | (beyond.tries >= 40))
     return Bracket(s, q, t, end, found, sound)

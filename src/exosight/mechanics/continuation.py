@@ -25,8 +25,7 @@ from exosight.mechanics.acceptance import Point, Problem, Segment, Verdict, judg
 from exosight.mechanics.branch import Anchor
 from exosight.mechanics.continuation_state import ALONG, DESCEND, SNAPS, ContinuationState, Records
 from exosight.mechanics.descent import Descent
-from exosight.mechanics.energy import potential
-from exosight.mechanics.kinematics import Motion
+from exosight.mechanics.evaluator import Evaluator
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.next_trial import Directions, next_trial
 from exosight.mechanics.robot import Robot
@@ -37,24 +36,20 @@ SNAPPED = 1e-4
 
 def stepper(
     robot: Robot,
+    evaluator: Evaluator,
     loads: Float[AnyArray, "loads channels"],
     count: Int[AnyArray, ""],
     tolerance: Float[AnyArray, ""],
     max_iterations: Int[AnyArray, ""],
 ) -> Callable[[ContinuationState], ContinuationState]:
     """The function that takes a robot one evaluation further; only the first `count` loads are meant."""
-    evaluate = potential(robot)
     metric = Metric.of(robot)
     problem = Problem(metric, robot.conservative, tolerance, max_iterations)
-
-    def before_a_gap_closes(motion: Motion, p: Array) -> Array:
-        fractions = [term.max_step_fraction(robot, motion, p) for term in robot.terms]
-        return jnp.min(jnp.stack([jnp.array(1e30), *fractions]))
 
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
         q = jnp.asarray(state.q)
-        there, motion = evaluate(q, jnp.asarray(segment.load(state.t)))
+        there, pose = evaluator.evaluate(q, jnp.asarray(segment.load(state.t)))
         residual = metric.force(there.gradient) / (metric.size(q) + metric.unit)
         descending = state.phase == DESCEND
         moved, accepted = descent.accept(state.descent, metric, q, there, residual, robot.conservative)
@@ -69,7 +64,7 @@ def stepper(
         tangent = point.response @ jnp.where(verdict.at_load, segment.following, segment.span)
         correction = jnp.where(state.phase == ALONG, verdict.bordered.q, point.newton)
         taken = jnp.where(verdict.arrived, tangent, jnp.where(descending, flow, correction))
-        free = before_a_gap_closes(motion, taken)
+        free = evaluator.step_fraction(pose, taken)
         by_t = segment.span @ here.load_gradient
         state = _settle(state, problem, segment, point, verdict, moved, tangent)
         ways = Directions(correction, flow, shift, accepted, free, by_t)

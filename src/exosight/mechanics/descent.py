@@ -70,7 +70,9 @@ def accept(
     length = fraction * metric.size(descent.step)
     wider = jnp.where(ratio > 0.6, jnp.maximum(descent.radius, 2 * length), descent.radius)
     wider = jnp.where(ratio < 0.25, 0.5 * length, wider)
-    radius = jnp.where(accepted, jnp.where(hidden, descent.radius, wider), 0.25 * length)
+    radius = jnp.where(
+        accepted, jnp.where(hidden, jnp.maximum(descent.radius, 2 * length), wider), 0.25 * length
+    )
     radius = jnp.where(descent.fresh, descent.radius, radius)
     q, here, residual = jax.tree.map(
         lambda new, old: jnp.where(accepted, new, old),

@@ -21,11 +21,14 @@ class SolverOptions:
     max_iterations  evaluations of the energy on the way to one load before it is given up, snaps included
     lanes           robots solved side by side in one compiled call; by default 8 on a CPU, where they share
                     the cache of a core, and 2048 on a GPU
+    unrolled        evaluate by scalar programs where that can be done (on CPUs), else by XLA: several times
+                    as fast, and the same up to round-off
     """
 
     tolerance: float = 1e-10
     max_iterations: int = 5000
     lanes: int | None = None
+    unrolled: bool = True
 
     def __post_init__(self) -> None:
         if not (self.tolerance > 0 and self.max_iterations > 0 and (self.lanes is None or self.lanes > 0)):

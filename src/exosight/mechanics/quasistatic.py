@@ -150,7 +150,7 @@ def _solve(
         if value.shape != shape or not np.all(np.isfinite(value)):
             raise InputError(f"state.{name}: expected finite numbers of shape {shape}, got {value.shape}")
     problems = Problems(structure, leaves, q, origin, loads)
-    return solve(problems, options.tolerance, options.max_iterations, options.lanes, done)
+    return solve(problems, options, done)
 
 
 def _equilibria(found: Solutions) -> Equilibria:

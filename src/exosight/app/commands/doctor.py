@@ -33,6 +33,7 @@ def doctor(json: Json = None) -> None:
             ("Python", found.python),
             ("system", found.system),
             ("JAX computes on", found.jax),
+            ("energies are evaluated", found.energies),
             ("PyTorch trains on", found.torch),
             ("shipped network", found.estimator),
             ("compiled code", found.cache),

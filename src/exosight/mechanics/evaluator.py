@@ -1,0 +1,78 @@
+"""How a solver evaluates the energy of a robot: unrolled (`exosight.scalar_program`) on a CPU, or by XLA.
+
+Both run the same functions, `energy.potential` and the terms' `max_step_fraction`, and differ by round-off.
+"""
+
+from collections.abc import Callable, Hashable, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from exosight.mechanics.energy import Evaluation, potential
+from exosight.mechanics.kinematics import Motion
+from exosight.mechanics.robot import Robot
+from exosight.scalar_program import Unrolled, Unsupported, unroll
+
+
+class Evaluator(NamedTuple):
+    """The energy of one robot.
+
+    evaluate       (q, loads) -> Π with its derivatives, and what `step_fraction` needs of that pose
+    step_fraction  (that, step) -> how much of a step from there the expansion holds for
+    """
+
+    evaluate: Callable[[Float[Array, " dofs"], Float[Array, " channels"]], tuple[Evaluation, Any]]
+    step_fraction: Callable[[Any, Float[Array, " dofs"]], Float[Array, ""]]
+
+
+def by_xla(robot: Robot) -> Evaluator:
+    """As JAX compiles it."""
+    return Evaluator(potential(robot), lambda motion, step: _step_fraction(robot, motion, step))
+
+
+def by_program(program: Unrolled, robot: Robot) -> Evaluator:
+    """As a program of its structure."""
+    _, design = program(0, None, jax.tree.leaves(robot))
+
+    def evaluate(q: Float[Array, " dofs"], loads: Float[Array, " channels"]) -> tuple[Evaluation, Any]:
+        return program(1, design, (q, loads))
+
+    return Evaluator(evaluate, lambda pose, step: program(2, pose, (step,))[0])
+
+
+@lru_cache(maxsize=64)
+def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels: int) -> Unrolled | None:
+    """The program of robots of a structure whose arrays have these shapes; None where there is none.
+
+    There is none without a CPU, or where a function holds what cannot be unrolled.
+    """
+    if jax.default_backend() != "cpu":
+        return None
+
+    def pose(leaves: list[Array], at: tuple[Array, Array]) -> tuple[Evaluation, Motion, Robot]:
+        robot = jax.tree.unflatten(structure, leaves)
+        return *potential(robot)(*at), robot
+
+    def evaluation(leaves: list[Array], at: tuple[Array, Array]) -> Evaluation:
+        return pose(leaves, at)[0]
+
+    def fraction(leaves: list[Array], at: tuple[Array, Array], step: tuple[Array]) -> Array:
+        _, motion, robot = pose(leaves, at)
+        return _step_fraction(robot, motion, *step)
+
+    leaves = [np.zeros(shape) for shape in shapes]
+    dofs = jax.tree.unflatten(structure, leaves).dofs
+    arguments = [leaves, (np.zeros(dofs), np.zeros(channels)), (np.zeros(dofs),)]
+    try:
+        return unroll([lambda leaves: (), evaluation, fraction], arguments)
+    except Unsupported:
+        return None
+
+
+def _step_fraction(robot: Robot, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
+    fractions = [term.max_step_fraction(robot, motion, step) for term in robot.terms]
+    return jnp.min(jnp.stack([jnp.array(1e30), *fractions]))

@@ -1,0 +1,343 @@
+"""The interpreter: runs a program over eight samples at once, in vector registers, called by XLA.
+
+It is a loop of a few hundred instructions, made by LLVM (through llvmlite, which comes with Numba) for the
+processor at hand in a fraction of a second: no compiler is needed, and no binary is shipped. XLA calls it
+through its foreign function interface, so the programs run inside compiled loops, without Python's lock.
+Structures of that interface: xla/ffi/api/c_api.h, version 0.3.
+"""
+
+import ctypes
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from typing import Any, TypeAlias
+
+import jax
+import llvmlite.binding as llvm
+from llvmlite import ir
+
+from exosight.scalar_program.operations import LIBRARY, Op
+
+LANES = 8
+"""Samples side by side: one vector register of AVX-512, two of AVX2, four of SSE or NEON."""
+
+Builder: TypeAlias = Any
+Value: TypeAlias = Any
+"""llvmlite's types of its own objects are too wide to check calls by."""
+
+BIT, WORD, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
+DOUBLE, POINTER = ir.DoubleType(), ir.IntType(8).as_pointer()
+VECTOR, MASK = ir.VectorType(DOUBLE, LANES), ir.VectorType(BIT, LANES)
+ALIGNMENT = 8 * LANES
+
+COMPARE = {Op.LT: "<", Op.LE: "<=", Op.GT: ">", Op.GE: ">=", Op.EQ: "==", Op.NE: "!="}
+
+TARGETS = {16: "exosight_scalar_program_16", 32: "exosight_scalar_program_32"}
+"""Names under which XLA knows the interpreter, by the bits of a word of code."""
+
+
+@cache
+def obstacle() -> str:
+    """Why there is no interpreter on this machine; empty where LLVM makes it and XLA takes it."""
+    try:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        register(llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    except Exception as error:  # whatever stands in its way, XLA can do the same work
+        return (str(error).splitlines() or [type(error).__name__])[0]
+    return ""
+
+
+def register(processor: str, features: str, targets: Mapping[int, str] = TARGETS) -> None:
+    """Make the interpreter for a processor (LLVM's names), known to XLA under the names of targets."""
+    engine = _engine(processor, features, targets)
+    for name in targets.values():
+        address = engine.get_function_address(name)
+        jax.ffi.register_ffi_target(name, jax.ffi.pycapsule(ctypes.c_void_p(address)), platform="cpu")
+    _ENGINES.append(engine)  # the code lives as long as this
+
+
+_ENGINES: list[Any] = []
+
+
+def _engine(processor: str, features: str, targets: Mapping[int, str]) -> Any:
+    machine = llvm.Target.from_default_triple().create_target_machine(cpu=processor, features=features, opt=3)
+    library = ctypes.CDLL(None)
+    for name in LIBRARY.values():
+        llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+    module = ir.Module("scalar_program")
+    module.triple, module.data_layout = machine.triple, str(machine.target_data)
+    for bits, name in targets.items():
+        _handler(module, name, _run(module, ir.IntType(bits)))
+    parsed = llvm.parse_assembly(str(module))
+    parsed.verify()
+    options = llvm.create_pipeline_tuning_options(speed_level=2)
+    options.loop_unrolling = True
+    llvm.create_pass_builder(machine, options).getModulePassManager().run(
+        parsed, llvm.create_pass_builder(machine, options)
+    )
+    engine = llvm.create_mcjit_compiler(parsed, machine)
+    engine.finalize_object()
+    return engine
+
+
+def _variable(b: Builder, kind: ir.Type) -> Value:
+    """A place for a value that changes, in the function's first block: made once, kept in a register."""
+    with b.goto_entry_block():
+        return b.alloca(kind)
+
+
+@contextmanager
+def _loop(b: Builder, count: Value) -> Iterator[Value]:
+    """A loop over 0, 1, … count − 1; yields the index."""
+    start, head = b.block, b.append_basic_block("head")
+    body, done = b.append_basic_block("body"), b.append_basic_block("done")
+    b.branch(head)
+    b.position_at_end(head)
+    index = b.phi(LONG)
+    index.add_incoming(LONG(0), start)
+    b.cbranch(b.icmp_signed("<", index, count), body, done)
+    b.position_at_end(body)
+    yield index
+    index.add_incoming(b.add(index, LONG(1)), b.block)
+    b.branch(head)
+    b.position_at_end(done)
+
+
+def _run(module: ir.Module, word: ir.IntType) -> Value:
+    """The function (code, end of code, slots) that runs a program once."""
+    kind = ir.FunctionType(ir.VoidType(), [word.as_pointer(), word.as_pointer(), VECTOR.as_pointer()])
+    function = ir.Function(module, kind, f"run_{word.width}")
+    function.linkage = "internal"
+    code, end, slots = function.args
+    b: Builder = ir.IRBuilder(function.append_basic_block("entry"))
+    place = _variable(b, word.as_pointer())
+    b.store(code, place)
+    head, body, done = (b.append_basic_block(name) for name in ("next", "run", "end"))
+    b.branch(head)
+    b.position_at_end(head)
+    b.cbranch(b.icmp_unsigned("<", b.load(place), end), body, done)
+    b.position_at_end(done)
+    b.ret_void()
+    b.position_at_end(body)
+
+    def take(b: Builder) -> Value:
+        """The next word of the code."""
+        here = b.load(place)
+        b.store(b.gep(here, [LONG(1)]), place)
+        return b.zext(b.load(here), LONG)
+
+    operation, count = take(b), take(b)
+    unknown = b.append_basic_block("unknown")
+    switch = b.switch(operation, unknown)
+    b.position_at_end(unknown)
+    b.unreachable()
+    for op in Op:
+        if op < 0:
+            continue
+        block = b.append_basic_block(op.name)
+        switch.add_case(LONG(int(op)), block)
+        b.position_at_end(block)
+        _one_kind(b, op, count, slots, take)
+        b.branch(head)
+    return function
+
+
+def _one_kind(b: Builder, op: Op, count: Value, slots: Value, take: Callable) -> None:
+    """A run of `count` operations of one kind."""
+
+    def slot() -> Value:
+        return b.gep(slots, [take(b)], inbounds=True)
+
+    def read() -> Value:
+        return b.load(slot(), align=ALIGNMENT)
+
+    terms = take(b) if op == Op.DOT else None
+    total = _variable(b, VECTOR)
+    with _loop(b, count):
+        into = slot()
+        if terms is None:
+            result = _result(b, op, [read() for _ in range(_arity(op))])
+        else:
+            b.store(b.fmul(read(), read()), total)
+            with _loop(b, b.sub(terms, LONG(1))):
+                b.store(_multiply_add(b, read(), read(), b.load(total)), total)
+            result = b.load(total)
+        b.store(result, into, align=ALIGNMENT)
+
+
+def _arity(op: Op) -> int:
+    if op in (Op.SELECT, Op.MULTIPLY_ADD, Op.NEGATIVE_MULTIPLY_ADD):
+        return 3
+    one = op in LIBRARY and op not in (Op.POW, Op.ATAN2)
+    return 1 if one or op in (Op.NEG, Op.NOT, Op.ABS, Op.SQRT) else 2
+
+
+def _multiply_add(b: Builder, x: Value, y: Value, z: Value) -> Value:
+    """x y + z, in one rounding where the processor has it."""
+    return _call(b, f"llvm.fmuladd.v{LANES}f64", [x, y, z])
+
+
+def _result(b: Builder, op: Op, x: list[Value]) -> Value:
+    """One operation on vectors."""
+    zero, one = ir.Constant(VECTOR, [0.0] * LANES), ir.Constant(VECTOR, [1.0] * LANES)
+    plain = {Op.ADD: b.fadd, Op.SUB: b.fsub, Op.MUL: b.fmul, Op.DIV: b.fdiv, Op.NEG: b.fneg}
+    if op in plain:
+        return plain[op](*x)
+    if op in COMPARE:
+        return b.uitofp(
+            b.fcmp_unordered("!=", *x) if op == Op.NE else b.fcmp_ordered(COMPARE[op], *x), VECTOR
+        )
+    if op in (Op.MAX, Op.MIN):
+        # An unordered comparison: a first argument that is not a number stays so.
+        return b.select(b.fcmp_unordered(">" if op == Op.MAX else "<", *x), *x)
+    if op == Op.SELECT:
+        return b.select(b.fcmp_unordered("!=", x[0], zero), x[1], x[2])
+    if op == Op.NOT:
+        return b.uitofp(b.fcmp_ordered("==", x[0], zero), VECTOR)
+    if op in (Op.AND, Op.OR):
+        combine = b.and_ if op == Op.AND else b.or_
+        return b.select(combine(*(b.fcmp_unordered("!=", value, zero) for value in x)), one, zero)
+    if op == Op.MULTIPLY_ADD:
+        return _multiply_add(b, *x)
+    if op == Op.NEGATIVE_MULTIPLY_ADD:
+        return _multiply_add(b, b.fneg(x[0]), x[1], x[2])
+    if op in (Op.ABS, Op.SQRT):
+        return _call(b, f"llvm.{'fabs' if op == Op.ABS else 'sqrt'}.v{LANES}f64", x)
+    result = ir.Constant(VECTOR, ir.Undefined)
+    for lane in range(LANES):  # the C library has no vectors
+        value = _call(b, LIBRARY[op], [b.extract_element(part, WORD(lane)) for part in x])
+        result = b.insert_element(result, value, WORD(lane))
+    return result
+
+
+def _call(b: Builder, name: str, x: list[Value]) -> Value:
+    """A function of the C library or an intrinsic, whose result is of the type of its arguments."""
+    function = b.module.globals.get(name)
+    if function is None:
+        kind = ir.FunctionType(x[0].type, [value.type for value in x])
+        function = ir.Function(b.module, kind, name)
+    return b.call(function, x)
+
+
+# Places in the structures of XLA's foreign function interface [bytes].
+EXTENSION, ARGUMENTS, RESULTS = 8, 56, 96  # of a call: extensions, number of arguments, of results
+EXTENSION_KIND, METADATA = (
+    8,
+    24,
+)  # of an extension; a handler is asked for its version through the one of kind 1
+MAJOR, MINOR = 24, 28  # of the metadata
+DATA, RANK, SIZES = 24, 32, 40  # of a buffer
+VERSION = 0, 3
+
+
+def _field(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
+    return b.load(_at(b, base, offset, kind))
+
+
+def _at(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
+    return b.bitcast(b.gep(b.bitcast(base, POINTER), [LONG(offset)]), kind.as_pointer())
+
+
+def _handler(module: ir.Module, name: str, run: Value) -> None:
+    """The function that XLA calls: (code, output slots, constants, arguments …) -> (results, memory).
+
+    The arguments have shape (…, values) of any leading sizes, or one sample for all.
+    """
+    word = run.args[0].type.pointee
+    function = ir.Function(module, ir.FunctionType(POINTER, [POINTER]), name)
+    frame = function.args[0]
+    b: Builder = ir.IRBuilder(function.append_basic_block("entry"))
+    null = ir.Constant(POINTER, None)
+    extension = _field(b, frame, EXTENSION, POINTER)
+    asked, work = b.append_basic_block("asked"), b.append_basic_block("work")
+    b.cbranch(b.icmp_unsigned("!=", extension, null), asked, work)
+    b.position_at_end(asked)
+    metadata = _field(b, extension, METADATA, POINTER)
+    b.store(WORD(VERSION[0]), _at(b, metadata, MAJOR, WORD))
+    b.store(WORD(VERSION[1]), _at(b, metadata, MINOR, WORD))
+    b.ret(null)
+
+    b.position_at_end(work)
+    code, outputs, constants = (_buffer(b, frame, ARGUMENTS, LONG(i)) for i in range(3))
+    result, memory = (_buffer(b, frame, RESULTS, LONG(i)) for i in range(2))
+    code_start, code_size = b.bitcast(code[0], word.as_pointer()), b.mul(code[1], code[2])
+    aligned = b.and_(b.add(b.ptrtoint(memory[0], LONG), LONG(ALIGNMENT - 1)), LONG(-ALIGNMENT))
+    slots = b.inttoptr(aligned, VECTOR.as_pointer())
+    samples, most = result[1], b.sub(result[1], LONG(1))
+    blocks = b.sdiv(b.add(samples, LONG(LANES - 1)), LONG(LANES))
+    with _loop(b, blocks) as block:
+        first = b.mul(block, LONG(LANES))
+        rows = []  # the last block is filled up with its last sample
+        for lane in range(LANES):
+            row = b.add(first, LONG(lane))
+            rows.append(b.select(b.icmp_signed("<", row, most), row, most))
+        _load_constants(b, constants, slots)
+        _load_arguments(b, frame, slots, constants[2], rows)
+        b.call(run, [code_start, b.gep(code_start, [code_size]), slots])
+        _store_results(b, outputs, slots, result, rows)
+    b.ret(null)
+
+
+def _buffer(b: Builder, frame: Value, where: int, number: Value) -> tuple[Value, ...]:
+    """Data, samples and values a sample of a buffer."""
+    buffers = _field(b, frame, where + 16, POINTER.as_pointer())
+    buffer = b.load(b.gep(buffers, [number]))
+    sizes = _field(b, buffer, SIZES, LONG.as_pointer())
+    leading = b.sub(_field(b, buffer, RANK, LONG), LONG(1))
+    total = _variable(b, LONG)
+    b.store(LONG(1), total)
+    with _loop(b, leading) as axis:
+        b.store(b.mul(b.load(total), b.load(b.gep(sizes, [axis]))), total)
+    return _field(b, buffer, DATA, POINTER), b.load(total), b.load(b.gep(sizes, [leading]))
+
+
+def _load_constants(b: Builder, constants: tuple[Value, ...], slots: Value) -> None:
+    numbers = b.bitcast(constants[0], DOUBLE.as_pointer())
+    with _loop(b, constants[2]) as i:
+        one = b.insert_element(ir.Constant(VECTOR, ir.Undefined), b.load(b.gep(numbers, [i])), WORD(0))
+        spread = b.shuffle_vector(
+            one, ir.Constant(VECTOR, ir.Undefined), ir.Constant(ir.VectorType(WORD, LANES), [0] * LANES)
+        )
+        b.store(spread, b.gep(slots, [i]), align=ALIGNMENT)
+
+
+def _load_arguments(b: Builder, frame: Value, slots: Value, first: Value, rows: list[Value]) -> None:
+    """Every argument after the first three into the slots from `first` on."""
+    place = _variable(b, LONG)
+    b.store(first, place)
+    count = b.sub(_field(b, frame, ARGUMENTS, LONG), LONG(3))
+    with _loop(b, count) as number:
+        data, samples, values = _buffer(b, frame, ARGUMENTS, b.add(number, LONG(3)))
+        stride = b.select(b.icmp_signed("==", samples, LONG(1)), LONG(0), values)
+        numbers = b.bitcast(data, DOUBLE.as_pointer())
+        starts = [b.gep(numbers, [b.mul(row, stride)]) for row in rows]
+        into = b.gep(slots, [b.load(place)])
+        with _loop(b, values) as i:
+            vector = ir.Constant(VECTOR, ir.Undefined)
+            for lane, start in enumerate(starts):
+                vector = b.insert_element(vector, b.load(b.gep(start, [i])), WORD(lane))
+            b.store(vector, b.gep(into, [i]), align=ALIGNMENT)
+        b.store(b.add(b.load(place), values), place)
+
+
+def _store_results(
+    b: Builder,
+    outputs: tuple[Value, ...],
+    slots: Value,
+    result: tuple[Value, ...],
+    rows: list[Value],
+) -> None:
+    places = b.bitcast(outputs[0], WORD.as_pointer())
+    numbers = b.bitcast(result[0], DOUBLE.as_pointer())
+    starts = [b.gep(numbers, [b.mul(row, result[2])]) for row in rows]
+    with _loop(b, result[2]) as i:
+        slot = b.zext(b.load(b.gep(places, [i])), LONG)
+        vector = b.load(b.gep(slots, [slot]), align=ALIGNMENT)
+        for lane, start in enumerate(starts):
+            b.store(b.extract_element(vector, WORD(lane)), b.gep(start, [i]))
+
+
+def memory(slots: int) -> int:
+    """Numbers of memory that a program of so many slots needs."""
+    return (slots + 1) * LANES

@@ -1,0 +1,163 @@
+"""A graph as programs for the interpreter: which operations, in which order, on which slots of memory.
+
+A function is called with arguments that change at different rates (a design, its pose, a direction from
+there). Each stage of arguments gets a program of its own, which hands on what the later ones need, so what
+depends on the design alone is computed once.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Integer
+
+from exosight.scalar_program.graph import Graph
+from exosight.scalar_program.operations import Op
+
+LONGEST_RUN = 60_000
+"""Operations of one kind in a row; their number has to fit in 16 bits."""
+
+
+class Program(NamedTuple):
+    """What the interpreter runs. Slots 0, 1, … hold first the constants, then the arguments.
+
+    code        runs of equal operations: operation, count, terms (of a DOT), then slots of each, result first
+    outputs     slots of the results
+    constants   values of the first slots
+    slots       how many there are
+    """
+
+    code: Integer[np.ndarray, " words"]
+    outputs: Integer[np.ndarray, " results"]
+    constants: Float[np.ndarray, " constants"]
+    slots: int
+
+
+class Stage(NamedTuple):
+    """Arguments that become known together, and the results wanted then, as numbers of values."""
+
+    arguments: Sequence[int]
+    results: Sequence[int]
+
+
+def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
+    """A program for each stage, from (what the stage before hands on, its own arguments) to results.
+
+    What it hands on follows its own results; the first stage is handed nothing.
+    """
+    op, args = list(graph.op), list(graph.args)
+    level = _levels(op, args, stages)
+    live = _live(op, args, stages)
+    uses = Counter(a for i in live for a in args[i])
+    uses.update(value for stage in stages for value in stage.results)
+    live = _fuse(op, args, level, live, uses)
+    made, handed = [], []
+    for number, stage in enumerate(stages):
+        own = [i for i in live if op[i] >= 0 and level[i] == number]
+        later = {a for i in live if op[i] >= 0 and level[i] > number for a in args[i]}
+        later |= {value for after in stages[number + 1 :] for value in after.results}
+        handing = sorted(a for a in later if op[a] != Op.CONSTANT and level[a] <= number)
+        results = [*stage.results, *handing]
+        made.append(_arrange(graph, op, args, own, [*handed, *stage.arguments], results))
+        handed = handing
+    return made
+
+
+def _levels(op: list[int], args: list[tuple[int, ...]], stages: Sequence[Stage]) -> list[int]:
+    """The first stage at which a value can be computed."""
+    level = [0] * len(op)
+    for number, stage in enumerate(stages):
+        for i in stage.arguments:
+            level[i] = number
+    for i, operands in enumerate(args):
+        if op[i] >= 0:
+            level[i] = max(level[a] for a in operands)
+    return level
+
+
+def _live(op: list[int], args: list[tuple[int, ...]], stages: Sequence[Stage]) -> list[int]:
+    """Values that a result depends on, in order."""
+    needed = bytearray(len(op))
+    for stage in stages:
+        for value in stage.results:
+            needed[value] = 1
+    for i in range(len(op) - 1, -1, -1):
+        if needed[i]:
+            for a in args[i]:
+                needed[a] = 1
+    return [i for i in range(len(op)) if needed[i]]
+
+
+def _fuse(
+    op: list[int], args: list[tuple[int, ...]], level: list[int], live: list[int], uses: Counter
+) -> list[int]:
+    """Products that only one sum uses become part of it; what is left of `live`."""
+    gone = set()
+
+    def product(i: int, into: int) -> bool:
+        return op[i] == Op.MUL and uses[i] == 1 and level[i] == level[into] and i not in gone
+
+    for i in live:
+        if op[i] not in (Op.ADD, Op.SUB):
+            continue
+        a, b = args[i]
+        if product(b, i):
+            fused = Op.MULTIPLY_ADD if op[i] == Op.ADD else Op.NEGATIVE_MULTIPLY_ADD
+            gone.add(b)
+            op[i], args[i] = int(fused), (*args[b], a)
+        elif op[i] == Op.ADD and product(a, i):
+            gone.add(a)
+            op[i], args[i] = int(Op.MULTIPLY_ADD), (*args[a], b)
+    return [i for i in live if i not in gone]
+
+
+def _arrange(
+    graph: Graph,
+    op: list[int],
+    args: list[tuple[int, ...]],
+    own: list[int],
+    arguments: Sequence[int],
+    results: Sequence[int],
+) -> Program:
+    """Slots for all values, and the code; a slot is used again once its value is used up."""
+    used = {a for i in own for a in args[i]} | set(results)
+    constants = [a for a in sorted(used) if op[a] == Op.CONSTANT]
+    slot = {value: place for place, value in enumerate((*constants, *arguments))}
+    order = own
+    last = {a: place for place, i in enumerate(order) for a in args[i]}
+    kept, free, top = set(results), [], len(constants) + len(arguments)
+    for place, i in enumerate(order):
+        if free:
+            slot[i] = free.pop()
+        else:
+            slot[i] = top
+            top += 1
+        free += [slot[a] for a in set(args[i]) if last[a] == place and a not in kept]
+    return Program(
+        code=_code(op, args, order, slot, np.uint16 if top < 2**16 else np.uint32),
+        outputs=np.array([slot[value] for value in results], dtype=np.int32),
+        constants=np.array([graph.known[value] for value in constants]),
+        slots=top,
+    )
+
+
+def _kind(op: list[int], args: list[tuple[int, ...]], i: int) -> tuple[int, int]:
+    """What one run of the code holds: an operation, and for a DOT of so many terms."""
+    return op[i], len(args[i]) if op[i] == Op.DOT else 0
+
+
+def _code(
+    op: list[int], args: list[tuple[int, ...]], order: list[int], slot: dict[int, int], word: type
+) -> Integer[np.ndarray, " words"]:
+    code: list[int] = []
+    at = 0
+    while at < len(order):
+        kind, end = _kind(op, args, order[at]), at
+        while end < len(order) and end - at < LONGEST_RUN and _kind(op, args, order[end]) == kind:
+            end += 1
+        code += [kind[0], end - at, *([kind[1] // 2] if kind[1] else [])]
+        for i in order[at:end]:
+            code += [slot[i], *(slot[a] for a in args[i])]
+        at = end
+    return np.array(code, dtype=word)

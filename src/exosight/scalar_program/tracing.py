@@ -1,0 +1,420 @@
+"""A JAX function as a graph of operations on single numbers: its jaxpr, unrolled.
+
+Arrays become arrays of value numbers, so moving data costs nothing in the program: a transposition, a slice
+or a gather only changes which value stands where.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Literal
+from jax.lax import GatherScatterMode
+
+from exosight.scalar_program.graph import Graph, Unsupported
+from exosight.scalar_program.operations import Op
+
+Values = np.ndarray
+"""An array of value numbers."""
+
+
+def trace(graph: Graph, function: Callable, inputs: Sequence[Values]) -> tuple[list[Values], Any]:
+    """The values of a function of float arrays, and their shapes in the structure that it returns.
+
+    Raises Unsupported for what cannot be unrolled.
+    """
+    given = [jax.ShapeDtypeStruct(x.shape, np.float64) for x in inputs]
+    jaxpr, shapes = jax.make_jaxpr(function, return_shape=True)(*given)
+    return _closed(graph, jaxpr, inputs), shapes
+
+
+def _closed(graph: Graph, closed: ClosedJaxpr, inputs: Sequence[Values]) -> list[Values]:
+    return _run(graph, closed.jaxpr, [_lift(graph, c) for c in closed.consts], inputs)
+
+
+def _lift(graph: Graph, value: Any) -> Values:
+    value = np.asarray(value)
+    if value.dtype.kind not in "fiub":
+        raise Unsupported(f"numbers of type {value.dtype}")
+    different, which = np.unique(value.astype(float), return_inverse=True)
+    numbers = np.array([graph.constant(v) for v in different.tolist()], dtype=np.int64)
+    return np.asarray(numbers[which]).reshape(value.shape)
+
+
+def _run(graph: Graph, jaxpr: Any, consts: Sequence[Values], inputs: Sequence[Values]) -> list[Values]:
+    values: dict[Any, Values] = {}
+
+    def read(name: Any) -> Values:
+        return _lift(graph, name.val) if isinstance(name, Literal) else values[name]
+
+    values.update(zip(jaxpr.constvars, consts, strict=True))
+    values.update(zip(jaxpr.invars, inputs, strict=True))
+    for equation in jaxpr.eqns:
+        name = equation.primitive.name
+        rule = RULES.get(name)
+        if rule is None:
+            raise Unsupported(f"primitive {name}")
+        arguments = [read(v) for v in equation.invars]
+        results = rule(graph, equation, *arguments)
+        results = results if isinstance(results, list) else [results]
+        for var, result in zip(equation.outvars, results, strict=True):
+            values[var] = np.asarray(result, dtype=np.int64).reshape(var.aval.shape)
+    return [read(v) for v in jaxpr.outvars]
+
+
+def _each(function: Callable, *arrays: Any) -> Values:
+    """A scalar function on arrays of value numbers, broadcast."""
+    return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=np.int64)
+
+
+def _operation(op: Op) -> Callable:
+    return lambda graph, equation, *x: _each(lambda *args: graph.apply(op, *args), *x)
+
+
+def _logical(op: Op) -> Callable:
+    def rule(graph: Graph, equation: Any, *x: Values) -> Values:
+        if equation.outvars[0].aval.dtype != np.dtype(bool):
+            raise Unsupported(f"{equation.primitive.name} of the bits of whole numbers")
+        return _each(lambda *args: graph.apply(op, *args), *x)
+
+    return rule
+
+
+def _method(name: str) -> Callable:
+    return lambda graph, equation, *x: _each(getattr(graph, name), *x)
+
+
+def _quotient(graph: Graph, equation: Any, a: Values, b: Values) -> Values:
+    if equation.outvars[0].aval.dtype.kind != "f":
+        raise Unsupported("division of whole numbers")
+    return _each(graph.div, a, b)
+
+
+def _call(graph: Graph, equation: Any, *x: Values) -> list[Values]:
+    inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
+    return _closed(graph, inner, x) if isinstance(inner, ClosedJaxpr) else _run(graph, inner, [], x)
+
+
+def _platform(graph: Graph, equation: Any) -> Values:
+    """Which of the functions for several platforms is that for CPUs, or for all others (None)."""
+    platforms = equation.params["platforms"]
+    for_cpu = [i for i, names in enumerate(platforms) if names is None or "cpu" in names]
+    return _lift(graph, np.array(for_cpu[0]))
+
+
+def _branch(graph: Graph, equation: Any, which: Values, *x: Values) -> list[Values]:
+    """One of several functions, if it is known which."""
+    branches = equation.params["branches"]
+    at = int(np.clip(_numbers(graph, equation, which), 0, len(branches) - 1))
+    return _closed(graph, branches[at], x)
+
+
+def _scan(graph: Graph, equation: Any, *x: Values) -> list[Values]:
+    params = equation.params
+    fixed, carried, length = params["num_consts"], params["num_carry"], params["length"]
+    state, steps = list(x[fixed : fixed + carried]), []
+    order = range(length)
+    for i in reversed(order) if params["reverse"] else order:
+        given = [*x[:fixed], *state, *(rows[i] for rows in x[fixed + carried :])]
+        result = _closed(graph, params["jaxpr"], given)
+        state = result[:carried]
+        steps.append(result[carried:])
+    if params["reverse"]:
+        steps.reverse()
+    return [*state, *(np.stack(rows) for rows in zip(*steps, strict=True))]
+
+
+def _power(graph: Graph, equation: Any, x: Values) -> Values:
+    exponent = equation.params["y"]
+    result = _lift(graph, np.ones(x.shape))
+    for _ in range(abs(exponent)):
+        result = _each(graph.mul, result, x)
+    if exponent < 0:
+        result = _each(graph.div, _lift(graph, np.ones(x.shape)), result)
+    return result
+
+
+def _inverse_root(graph: Graph, equation: Any, x: Values) -> Values:
+    return _each(lambda a: graph.div(graph.constant(1.0), graph.apply(Op.SQRT, a)), x)
+
+
+def _sign(graph: Graph, equation: Any, x: Values) -> Values:
+    def sign(a: int) -> int:
+        zero = graph.constant(0.0)
+        return graph.sub(graph.apply(Op.GT, a, zero), graph.apply(Op.LT, a, zero))
+
+    return _each(sign, x)
+
+
+def _finite(graph: Graph, equation: Any, x: Values) -> Values:
+    infinity = graph.constant(np.inf)
+    return _each(lambda a: graph.apply(Op.LT, graph.apply(Op.ABS, a), infinity), x)
+
+
+def _select(graph: Graph, equation: Any, which: Values, *cases: Values) -> Values:
+    if len(cases) != 2:
+        raise Unsupported("select of more than two cases")
+    return _each(graph.select, which, cases[1], cases[0])
+
+
+def _clamp(graph: Graph, equation: Any, low: Values, x: Values, high: Values) -> Values:
+    raised = _each(lambda a, b: graph.apply(Op.MAX, a, b), x, low)
+    return _each(lambda a, b: graph.apply(Op.MIN, a, b), raised, high)
+
+
+def _convert(graph: Graph, equation: Any, x: Values) -> Values:
+    before, after = equation.invars[0].aval.dtype, equation.outvars[0].aval.dtype
+    if before.kind == "f" and after.kind != "f":
+        if not all(v in graph.known for v in x.ravel().tolist()):
+            raise Unsupported(f"conversion of numbers to {after}")
+        return _lift(graph, np.array([graph.known[v] for v in x.ravel().tolist()]).astype(after))
+    return x
+
+
+def _iota(graph: Graph, equation: Any) -> Values:
+    params = equation.params
+    axis = params["dimension"]
+    shape = params["shape"]
+    along = np.arange(shape[axis]).reshape([-1 if i == axis else 1 for i in range(len(shape))])
+    return _lift(graph, np.broadcast_to(along, shape))
+
+
+def _broadcast(graph: Graph, equation: Any, x: Values) -> Values:
+    shape = [1] * len(equation.params["shape"])
+    for size, axis in zip(x.shape, equation.params["broadcast_dimensions"], strict=True):
+        shape[axis] = size
+    return np.broadcast_to(x.reshape(shape), equation.params["shape"])
+
+
+def _slice(graph: Graph, equation: Any, x: Values) -> Values:
+    params = equation.params
+    steps = params["strides"] or [1] * x.ndim
+    bounds = zip(params["start_indices"], params["limit_indices"], steps, strict=True)
+    return x[tuple(slice(*bound) for bound in bounds)]
+
+
+def _pad(graph: Graph, equation: Any, x: Values, filling: Values) -> Values:
+    shape = equation.outvars[0].aval.shape
+    result = np.full(shape, filling.item(), dtype=np.int64)
+    into, source = [], []
+    for size, old, (low, _, gap) in zip(shape, x.shape, equation.params["padding_config"], strict=True):
+        place = low + np.arange(old) * (gap + 1)
+        inside = (place >= 0) & (place < size)
+        into.append(place[inside])
+        source.append(np.flatnonzero(inside))
+    result[np.ix_(*into)] = x[np.ix_(*source)]
+    return result
+
+
+def _reduced(equation: Any, x: Values) -> Values:
+    """The values to be reduced, (results, each)."""
+    axes = equation.params["axes"]
+    kept = [i for i in range(x.ndim) if i not in axes]
+    return x.transpose(*kept, *axes).reshape(int(np.prod([x.shape[i] for i in kept])), -1)
+
+
+def _sum(graph: Graph, equation: Any, x: Values) -> list[Values]:
+    one = graph.constant(1.0)
+    rows = _reduced(equation, x).tolist()
+    return [np.array([graph.dot((value, one) for value in row) for row in rows], dtype=np.int64)]
+
+
+def _reduce(op: Callable) -> Callable:
+    def rule(graph: Graph, equation: Any, x: Values) -> list[Values]:
+        results = []
+        for first, *rest in _reduced(equation, x).tolist():
+            for value in rest:
+                first = op(graph, first, value)
+            results.append(first)
+        return [np.array(results, dtype=np.int64)]
+
+    return rule
+
+
+def _running_sum(graph: Graph, equation: Any, x: Values) -> Values:
+    axis, backwards = equation.params["axis"], equation.params["reverse"]
+    rows = np.moveaxis(x, axis, 0)
+    rows = rows[::-1] if backwards else rows
+    sums = [rows[0]]
+    for row in rows[1:]:
+        sums.append(_each(graph.add, sums[-1], row))
+    whole = np.stack([np.asarray(row, dtype=np.int64) for row in sums])
+    return np.moveaxis(whole[::-1] if backwards else whole, 0, axis)
+
+
+def _product(graph: Graph, equation: Any, a: Values, b: Values) -> list[Values]:
+    (left, right), (left_batch, right_batch) = equation.params["dimension_numbers"]
+    shape = equation.outvars[0].aval.shape
+    if 0 in shape or a.size == 0:
+        return [_lift(graph, np.zeros(shape))]
+    left_free = [i for i in range(a.ndim) if i not in (*left, *left_batch)]
+    right_free = [i for i in range(b.ndim) if i not in (*right, *right_batch)]
+    batch = int(np.prod([a.shape[i] for i in left_batch]))
+    inner = int(np.prod([a.shape[i] for i in left]))
+    rows = a.transpose(*left_batch, *left_free, *left).reshape(batch, -1, inner).tolist()
+    columns = b.transpose(*right_batch, *right_free, *right).reshape(batch, -1, inner).tolist()
+    known = graph.known
+    results = []
+    for of_a, of_b in zip(rows, columns, strict=True):
+        for row in of_a:
+            inside = [k for k, value in enumerate(row) if known.get(value) != 0]
+            results += [graph.dot([(row[k], column[k]) for k in inside]) for column in of_b]
+    return [np.array(results, dtype=np.int64)]
+
+
+def _numbers(graph: Graph, equation: Any, values: Values) -> np.ndarray:
+    """Whole numbers that are known beforehand."""
+    flat = values.ravel().tolist()
+    if not all(value in graph.known for value in flat):
+        raise Unsupported(f"{equation.primitive.name} by numbers that depend on the arguments")
+    return np.array([graph.known[value] for value in flat], dtype=int).reshape(values.shape)
+
+
+def _windows(
+    shape: Sequence[int],
+    sizes: Sequence[int],
+    starts: np.ndarray,
+    axes: Sequence,
+    batched: Sequence[tuple[int, int]],
+    clip: bool,
+) -> np.ndarray:
+    """Flat places in an array of the elements of windows, (*starts, *sizes); −1 in windows that lie outside.
+
+    sizes     of a window along each axis of the array
+    starts    (*starts, axes)   first element of each window along `axes`
+    batched   pairs (axis of the array, axis of `starts`) that go together
+    clip      windows that lie outside are moved in
+    """
+    count = starts.shape[:-1]
+    first = np.zeros((*count, len(shape)), dtype=int)
+    first[..., list(axes)] = starts
+    for axis, of_starts in batched:
+        along = np.arange(count[of_starts])
+        first[..., axis] = along.reshape([-1 if i == of_starts else 1 for i in range(len(count))])
+    room = np.array(shape, dtype=int) - np.array(sizes, dtype=int)
+    inside = np.all((first >= 0) & (first <= room), axis=-1)
+    first = np.clip(first, 0, room)
+    within = np.moveaxis(np.indices(sizes), 0, -1) if len(shape) else np.zeros((0,), dtype=int)
+    places = first.reshape(*count, *[1] * len(sizes), len(shape)) + within
+    strides = np.array([int(np.prod(shape[i + 1 :])) for i in range(len(shape))], dtype=int)
+    inside = inside.reshape(*count, *[1] * len(sizes)) | clip
+    return np.where(inside, places @ strides, -1)
+
+
+def _gather(graph: Graph, equation: Any, x: Values, starts: Values) -> Values:
+    params = equation.params
+    numbers, sizes = params["dimension_numbers"], params["slice_sizes"]
+    mode = params["mode"]
+    places = _windows(
+        x.shape,
+        sizes,
+        _numbers(graph, equation, starts),
+        numbers.start_index_map,
+        list(zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True)),
+        clip=mode == GatherScatterMode.CLIP,
+    )
+    kept = [
+        size
+        for axis, size in enumerate(sizes)
+        if axis not in (*numbers.collapsed_slice_dims, *numbers.operand_batching_dims)
+    ]
+    count = places.shape[: starts.ndim - 1]
+    places = np.moveaxis(
+        places.reshape(*count, *kept), range(len(count), len(count) + len(kept)), numbers.offset_dims
+    )
+    filling = params["fill_value"]
+    empty = graph.constant(np.nan if filling is None else float(filling))
+    return np.where(places < 0, empty, x.ravel()[np.maximum(places, 0)])
+
+
+def _scatter(graph: Graph, equation: Any, x: Values, starts: Values, updates: Values) -> Values:
+    params = equation.params
+    numbers = params["dimension_numbers"]
+    window = numbers.update_window_dims
+    single = (*numbers.inserted_window_dims, *numbers.operand_batching_dims)
+    sizes = np.ones(x.ndim, dtype=int)
+    sizes[[axis for axis in range(x.ndim) if axis not in single]] = [updates.shape[i] for i in window]
+    places = _windows(
+        x.shape,
+        sizes.tolist(),
+        _numbers(graph, equation, starts),
+        numbers.scatter_dims_to_operand_dims,
+        list(zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True)),
+        clip=params["mode"] == GatherScatterMode.CLIP,
+    )
+    others = [i for i in range(updates.ndim) if i not in window]
+    result = x.flatten()
+    for place, value in zip(
+        places.ravel().tolist(), updates.transpose(*others, *window).ravel().tolist(), strict=True
+    ):
+        if place >= 0:
+            adds = equation.primitive.name == "scatter-add"
+            result[place] = graph.add(int(result[place]), value) if adds else value
+    return result
+
+
+def _dynamic_slice(graph: Graph, equation: Any, x: Values, *starts: Values) -> Values:
+    sizes = equation.params["slice_sizes"]
+    room = np.array(x.shape) - sizes
+    first = np.clip([_numbers(graph, equation, start) for start in starts], 0, room)
+    return x[tuple(slice(a, a + size) for a, size in zip(first, sizes, strict=True))]
+
+
+RULES: dict[str, Callable] = {
+    **{
+        name: _call for name in ("jit", "pjit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2")
+    },
+    **{name: _method("add") for name in ("add", "add_any")},
+    **{name: _method(name) for name in ("sub", "mul", "neg")},
+    **{name: _operation(Op[name.upper()]) for name in ("lt", "le", "gt", "ge", "eq", "ne", "max", "min")},
+    **{name: _operation(Op[name.upper()]) for name in ("abs", "sqrt", "sin", "cos", "tan")},
+    **{name: _operation(Op[name.upper()]) for name in ("asin", "acos", "atan", "sinh", "cosh", "tanh")},
+    **{
+        name: _operation(Op[name.upper()])
+        for name in ("exp", "log", "expm1", "log1p", "pow", "atan2", "cbrt")
+    },
+    **{name: _logical(Op[name.upper()]) for name in ("and", "or", "not")},
+    **{name: lambda graph, equation, x: x for name in ("copy", "copy_p", "stop_gradient")},
+    **{
+        name: lambda graph, equation, x: x.reshape(equation.outvars[0].aval.shape)
+        for name in ("reshape", "squeeze", "expand_dims")
+    },
+    "div": _quotient,
+    "square": lambda graph, equation, x: _each(graph.mul, x, x),
+    "integer_pow": _power,
+    "rsqrt": _inverse_root,
+    "sign": _sign,
+    "platform_index": _platform,
+    "cond": _branch,
+    "is_finite": _finite,
+    "select_n": _select,
+    "clamp": _clamp,
+    "convert_element_type": _convert,
+    "iota": _iota,
+    "broadcast_in_dim": _broadcast,
+    "transpose": lambda graph, equation, x: x.transpose(equation.params["permutation"]),
+    "concatenate": lambda graph, equation, *x: np.concatenate(x, axis=equation.params["dimension"]),
+    "stack": lambda graph, equation, *x: np.stack(x, axis=equation.params["axis"]),
+    "rev": lambda graph, equation, x: np.flip(x, equation.params["dimensions"]),
+    "slice": _slice,
+    "dynamic_slice": _dynamic_slice,
+    "split": lambda graph, equation, x: np.split(
+        x, np.cumsum(equation.params["sizes"])[:-1], axis=equation.params["axis"]
+    ),
+    "unstack": lambda graph, equation, x: list(np.moveaxis(x, equation.params["axis"], 0)),
+    "pad": _pad,
+    "reduce_sum": _sum,
+    "reduce_max": _reduce(lambda graph, a, b: graph.apply(Op.MAX, a, b)),
+    "reduce_min": _reduce(lambda graph, a, b: graph.apply(Op.MIN, a, b)),
+    "reduce_prod": _reduce(lambda graph, a, b: graph.mul(a, b)),
+    "reduce_and": _reduce(lambda graph, a, b: graph.apply(Op.AND, a, b)),
+    "reduce_or": _reduce(lambda graph, a, b: graph.apply(Op.OR, a, b)),
+    "cumsum": _running_sum,
+    "dot_general": _product,
+    "gather": _gather,
+    "scatter": _scatter,
+    "scatter-add": _scatter,
+    "scan": _scan,
+}
+"""What to do for each primitive of a jaxpr."""

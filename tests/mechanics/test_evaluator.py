@@ -1,0 +1,143 @@
+"""Scalar programs and XLA evaluate the same energy, for robots of every kind, and solve the same paths."""
+
+import platform
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from exosight.exosuit.assembly import Exosuit, assemble
+from exosight.mechanics import Configuration, Robot, SolverOptions, Term, drive, stack
+from exosight.mechanics.evaluator import Evaluator, by_program, by_xla, program_of
+from exosight.scalar_program import interpreter
+from exosight.system.build import build
+from exosight.system.file import describe, read_system_file
+
+SAME = 1e-12
+"""Relative to the largest number of its kind: some thousand sums of round-off 1e-16."""
+
+SYSTEMS = Path(__file__).parents[2] / "examples" / "systems"
+
+
+def both(robot: Robot, q: np.ndarray, loads: np.ndarray, step: np.ndarray) -> list[list[np.ndarray]]:
+    """What a program and XLA give for several poses."""
+    leaves, structure = jax.tree.flatten(robot)
+    program = program_of(structure, tuple(np.shape(leaf) for leaf in leaves), loads.shape[1])
+    assert program is not None
+
+    def run(evaluator: Evaluator, q: jax.Array, loads: jax.Array, step: jax.Array) -> list:
+        found, pose = evaluator.evaluate(q, loads)
+        return [*found, evaluator.step_fraction(pose, step)]
+
+    def of(make: Any) -> list[np.ndarray]:
+        return jax.jit(
+            lambda robot, *at: jax.vmap(lambda *at: run(make(robot), *at))(*at),
+            compiler_options={"xla_backend_optimization_level": "0"},
+        )(jax.tree.map(jnp.asarray, robot), q, loads, step)
+
+    return [of(lambda robot: by_program(program, robot)), of(by_xla)]
+
+
+def check(robot: Robot, size: float = 0.2, channels: int | None = None) -> None:
+    rng = np.random.default_rng(0)
+    count = channels or max(1, robot.loads)
+    q, step = (rng.normal(size=(9, robot.dofs)) * scale for scale in (size, 0.1 * size))
+    programmed, compiled = both(robot, q, rng.uniform(0, 2, size=(9, count)), step)
+    for ours, theirs in zip(programmed, compiled, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=SAME * max(1e-300, np.abs(theirs).max()))
+
+
+def test_published_exosuit() -> None:
+    check(assemble(Exosuit()))
+
+
+def test_everything_at_once_out_of_the_plane(tree: Robot) -> None:
+    check(tree)
+
+
+def test_chain(chain: Robot) -> None:
+    check(chain)
+
+
+@pytest.mark.parametrize("name", ["thumb", "two_lines", "profile"])
+def test_systems_of_files(name: str) -> None:
+    check(build(describe(read_system_file(SYSTEMS / f"{name}.toml"))).robot)
+
+
+class Potential(Term):
+    """k Σ p⁴ of all frames, found by repeated multiplication or by a loop that cannot be unrolled."""
+
+    stiffness: jax.Array
+    loop: bool = eqx.field(static=True)
+
+    def energy(self, tree: Any, at: Configuration, loads: jax.Array) -> jax.Array:
+        p = at.position
+        if not self.loop:
+            return self.stiffness * jnp.sum(p**4)
+        limit = jnp.where(jnp.isfinite(p[0, 0]), 4, 0)
+        power = jax.lax.while_loop(
+            lambda state: state[0] < limit, lambda state: (state[0] + 1, state[1] * p), (0, jnp.ones_like(p))
+        )[1]
+        return self.stiffness * jnp.sum(jax.lax.stop_gradient(power) * 0 + p**4)
+
+
+def test_a_term_of_a_users_own(chain: Robot) -> None:
+    """By automatic differentiation of its energy."""
+    check(Robot(chain.bodies, (*chain.terms, Potential(jnp.array(30.0), loop=False))))
+
+
+def test_what_cannot_be_unrolled_is_left_to_xla(chain: Robot) -> None:
+    """A term with a loop of unknown length: there is no program, and the same equilibria are found."""
+    robots = [
+        Robot(chain.bodies, (*chain.terms, Potential(jnp.array(30.0), loop=loop))) for loop in (False, True)
+    ]
+    leaves, structure = jax.tree.flatten(robots[1])
+    assert program_of(structure, tuple(np.shape(leaf) for leaf in leaves), 1) is None
+    unrolled, looped = (drive([robot], np.zeros((1, 1))) for robot in robots)
+    assert unrolled.converged.all()
+    np.testing.assert_allclose(unrolled.q, looped.q, atol=1e-9 * np.abs(unrolled.q).max())
+
+
+def test_paths_are_the_same() -> None:
+    """Equilibria and snaps of two exosuits, both ways."""
+    robots = [assemble(Exosuit()), assemble(Exosuit())]
+    loads = np.linspace(0, 3, 11)[:, None]
+    ours, theirs = (
+        drive(robots, loads, options=SolverOptions(unrolled=unrolled)) for unrolled in (True, False)
+    )
+    assert ours.converged.all()
+    np.testing.assert_array_equal(ours.snapped, theirs.snapped)
+    np.testing.assert_allclose(ours.q, theirs.q, atol=1e-9 * np.abs(theirs.q).max())
+
+
+@pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names of x86 processors")
+@pytest.mark.parametrize(
+    ("processor", "features"), [("x86-64", ""), ("haswell", ""), ("x86-64", "+avx,-fma")], ids=str
+)
+def test_other_processors(processor: str, features: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without AVX, and with AVX2: vectors of eight are cut into what registers hold."""
+    flags = Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else ""
+    if processor == "haswell" and not {"avx2", "fma", "bmi2"} <= set(flags.split()):
+        pytest.skip("this processor has no AVX2")
+    if "+avx" in features and "avx" not in flags.split():
+        pytest.skip("this processor has no AVX")
+    targets = {bits: f"exosight_{processor}_{features}_{bits}" for bits in (16, 32)}
+    interpreter.register(processor, features, targets)
+    monkeypatch.setattr(interpreter, "TARGETS", targets)
+    robots = [assemble(Exosuit())]
+    leaves, structure = jax.tree.flatten(robots[0])
+    program = program_of(structure, tuple(np.shape(leaf) for leaf in leaves), 1)
+    assert program is not None
+    batch = stack(robots)
+    q = np.random.default_rng(1).normal(size=(1, robots[0].dofs)) * 0.1
+
+    def energy(robot: Robot, q: jax.Array) -> jax.Array:
+        return by_program(program, robot).evaluate(q, jnp.ones(1))[0].hessian
+
+    found = jax.jit(jax.vmap(energy))(batch, q)
+    expected = jax.jit(jax.vmap(lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1))[0].hessian))(batch, q)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max())

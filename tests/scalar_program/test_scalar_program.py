@@ -1,0 +1,158 @@
+"""Unrolled functions give what JAX gives, whatever they are made of."""
+
+from collections.abc import Callable
+
+import hypothesis.extra.numpy as hnp
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from exosight.scalar_program import Unsupported, unroll
+
+SAME = 1e-14
+"""Some units in the last place: sums are taken in another order, and products fused into them."""
+
+X = np.array([[0.3, -0.7, 0.2], [0.9, 0.0, -0.4], [0.5, 0.25, -0.1]])
+POSITIVE = np.abs(X) + 0.1
+
+
+def run(function: Callable, *arguments: np.ndarray) -> list[np.ndarray]:
+    """The leaves of what an unrolled function returns."""
+    program = unroll([lambda given: function(*given)], [arguments])
+
+    def only(*arguments: jax.Array) -> list:
+        return jax.tree.leaves(program(0, None, arguments)[0])
+
+    return jax.jit(only)(*arguments)
+
+
+def check(function: Callable, *arguments: np.ndarray) -> None:
+    expected = jax.tree.leaves(function(*map(jnp.asarray, arguments)))
+    for ours, theirs in zip(run(function, *arguments), expected, strict=True):
+        assert ours.shape == theirs.shape
+        np.testing.assert_allclose(ours, theirs.astype(float), rtol=SAME, atol=SAME)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        *(jnp.sin, jnp.cos, jnp.tan, jnp.arcsin, jnp.arccos, jnp.arctan, jnp.sinh, jnp.cosh, jnp.tanh),
+        *(jnp.exp, jnp.expm1, jnp.abs, jnp.negative, jnp.sign, jnp.square, jnp.linalg.norm, jnp.cumsum),
+        *(jnp.transpose, jnp.ravel, jnp.flip, jnp.diag, jnp.trace, jnp.sum, jnp.max, jnp.min, jnp.prod),
+        *(jnp.isnan, jnp.isfinite),
+    ],
+)
+def test_functions_of_one_array(function: Callable) -> None:
+    check(function, X)
+
+
+@pytest.mark.parametrize("function", [jnp.sqrt, jnp.log, jnp.log1p, jax.lax.rsqrt, jnp.reciprocal, jnp.cbrt])
+def test_functions_of_positive_numbers(function: Callable) -> None:
+    check(function, POSITIVE)
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        *(jnp.add, jnp.subtract, jnp.multiply, jnp.divide, jnp.maximum, jnp.minimum, jnp.matmul, jnp.cross),
+        *(jnp.arctan2, jnp.power, jnp.dot, jnp.outer, jnp.less, jnp.greater_equal, jnp.equal, jnp.hypot),
+        lambda a, b: jnp.where((a < b) & ~(a > 0.4) | (b != a), a, b),
+        lambda a, b: jnp.einsum("ij,kj->ik", a, b) @ jnp.stack([a[0], b[1], a[2]]),
+        lambda a, b: jnp.concatenate([a, b])[jnp.array([4, 0, 5])],
+        lambda a, b: jax.vmap(lambda row, i: row[i])(a, jnp.array([2, 0, 1])) + b[0],
+        lambda a, b: jnp.zeros((4, 3)).at[jnp.array([0, 2, 2])].add(a * b),
+        lambda a, b: a.at[1, 1:].set(b[0, :2]).at[5].add(1.0, mode="drop"),
+        lambda a, b: a.at[jnp.array([0, 7])].get(mode="fill", fill_value=2.5) + b[:2],
+        lambda a, b: jnp.pad(a, ((1, 0), (0, 2)), constant_values=3.0)[:, :3] * jnp.pad(b, ((1, 0), (0, 0))),
+        lambda a, b: jax.lax.pad(a, 0.0, ((1, -1, 1), (0, 0, 0))).sum() + jnp.clip(b, -0.2, 0.3),
+        lambda a, b: jax.lax.scan(lambda c, row: (c * row + b[0], c.sum()), a[0], b),
+        lambda a, b: jax.lax.scan(lambda c, row: (c + row, c), a[0], b, reverse=True),
+        lambda a, b: jax.lax.dynamic_slice(a, (5, 1), (2, 2)) - b[:2, :2],
+        lambda a, b: jax.hessian(lambda x: jnp.sum(jnp.sin(x) ** 3 * jnp.exp(b)))(a),
+        lambda a, b: jax.grad(lambda x: jnp.linalg.norm(jnp.where(x > 0, x * b, x**-2)))(a + 2.0),
+        lambda a, b: [*jnp.split(a, [1]), b],
+        lambda a, b: {"pair": (a, b.T), "none": jnp.zeros((0, 2)), "number": 3.0 * a[0, 0]},
+        lambda a, b: jnp.sum(jnp.outer(a, b)) + jnp.any(a > 0.8) * jnp.all(b > 0.0),
+    ],
+)
+def test_functions_of_two_arrays(function: Callable) -> None:
+    check(function, X, POSITIVE)
+
+
+NUMBERS = st.floats(-3, 3).filter(lambda x: x == 0 or abs(x) > 1e-6)
+
+
+@given(hnp.arrays(float, (4,), elements=NUMBERS), st.data())
+@settings(max_examples=40)
+def test_random_functions(x: np.ndarray, data: st.DataObject) -> None:
+    """Random chains of operations on a growing list of arrays."""
+    two = {"add": jnp.add, "sub": jnp.subtract, "mul": jnp.multiply, "max": jnp.maximum, "hypot": jnp.hypot}
+    one = {"sin": jnp.sin, "neg": jnp.negative, "flip": jnp.flip, "sum": lambda v: jnp.full(4, v.sum())}
+    names = data.draw(st.lists(st.sampled_from([*two, *one]), min_size=1, max_size=12))
+    picks = [(data.draw(st.integers(0, i)), data.draw(st.integers(0, i))) for i in range(len(names))]
+    fixed = data.draw(st.sampled_from([0.0, 1.0, -1.0, 0.5]))
+
+    def function(x: jax.Array) -> jax.Array:
+        values = [x]
+        for name, (i, j) in zip(names, picks, strict=True):
+            a, b = values[i], values[j] * fixed if j % 2 else values[j]
+            values.append(jnp.tanh(two[name](a, b) if name in two else one[name](a)))
+        return jnp.stack(values)
+
+    check(function, x)
+
+
+@pytest.mark.parametrize("count", [1, 3, 8, 11])
+def test_any_number_of_samples(count: int) -> None:
+    """Also some that share an argument, and samples of samples."""
+    rng = np.random.default_rng(count)
+    a, b = rng.normal(size=(count, 2, 3, 3)), rng.normal(size=(3, 3))
+    program = unroll([lambda b: (), lambda b, a: jnp.sin(a) @ b], [b, a[0, 0]])
+
+    def staged(a: jax.Array) -> jax.Array:
+        return program(1, program(0, None, b)[1], a)[0]
+
+    found = jax.jit(jax.vmap(jax.vmap(staged)))(a)
+    np.testing.assert_allclose(found, np.sin(a) @ b, rtol=1e-13, atol=1e-14)
+
+
+def test_what_the_first_arguments_decide_is_computed_once() -> None:
+    """A later stage holds no operation that the arguments before it alone decide."""
+    a, b = np.full((6, 6), 0.3), np.full(6, 0.2)
+    staged = unroll([lambda a: (), lambda a, b: jnp.sin(a @ a @ a) @ b], [a, b])
+    together = unroll([lambda ab: jnp.sin(ab[0] @ ab[0] @ ab[0]) @ ab[1]], [(a, b)])
+    assert len(staged.stages[1].code) < 0.2 * len(together.stages[0].code)
+    assert len(staged.stages[0].outputs) == 36  # the matrix is all that is handed on
+
+
+def test_more_values_than_short_numbers_can_count() -> None:
+    x = np.random.default_rng(0).normal(size=70_000)
+    np.testing.assert_allclose(
+        run(lambda x: jnp.sum(x[::-1] * x[:, None][:, 0]), x)[0], x @ x[::-1], rtol=1e-12
+    )
+
+
+def test_what_is_not_a_number_stays_so() -> None:
+    found = run(lambda x: [x.sum(), jnp.maximum(x, 0.0), jnp.sqrt(x)], np.array([np.nan, 1.0, -1.0]))
+    np.testing.assert_array_equal(np.isnan(found[0]), True)
+    np.testing.assert_array_equal(np.isnan(found[1]), [True, False, False])
+    np.testing.assert_array_equal(np.isnan(found[2]), [True, False, True])
+
+
+@pytest.mark.parametrize(
+    ("function", "named"),
+    [
+        (lambda x: jax.lax.while_loop(lambda v: v.sum() < 3, lambda v: 2 * v, x), "while"),
+        (lambda x: jnp.sort(x), "sort"),
+        (lambda x: x[jnp.argmax(x)], "argmax"),
+        (lambda x: jax.lax.cond(x[0] > 0, jnp.sin, jnp.cos, x), "cond"),
+        (lambda x: jnp.arange(3)[x.astype(int)], "conversion"),
+        (lambda x: jnp.linalg.cholesky(jnp.diag(x)), "cholesky"),
+    ],
+)
+def test_what_cannot_be_unrolled_is_named(function: Callable, named: str) -> None:
+    with pytest.raises(Unsupported, match=named):
+        unroll([function], [np.ones(3)])
