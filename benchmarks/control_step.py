@@ -28,7 +28,7 @@ RATE = 60.0
 """[Hz]"""
 SECONDS = 8
 """Of which the last is a release."""
-NAMES = {"see": "render", "estimate": "estimate", "decide": "law and guard", "act": "solve"}
+NAMES = {"acquire": "render", "estimate": "estimate", "control": "law and guard", "actuate": "solve"}
 
 
 def run(now: Callable[[], float] = perf_counter) -> dict[str, Any]:

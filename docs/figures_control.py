@@ -31,7 +31,7 @@ from exosight.control import (
     from_image,
     hold,
     hold_and_release,
-    judge_response,
+    measure_response,
     measurement_from,
     run,
     run_guarded,
@@ -150,7 +150,7 @@ def _guarded(plant: Plant, config: ControllerConfig, sense: Sense, target: np.nd
 
 def _trace(record: Record) -> dict[str, Any]:
     """A run as plain numbers."""
-    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+    response = measure_response(record.time, record.target, record.true, record.command, record.driven)
     held = record.target > 0
     pressing = np.flatnonzero(record.true[~held] >= RELEASED)
     released = (0 if not len(pressing) else int(pressing[-1]) + 1) / 10

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from exosight.control import CONTROL_SHAPE, Proportional, hold, judge_response, run, true_reading
+from exosight.control import CONTROL_SHAPE, Proportional, hold, measure_response, run, true_reading
 from exosight.control.responses import TOLERANCE
 from exosight.control.simulated import SimulatedPlant
 from exosight.exosuit.assembly import Exosuit
@@ -29,7 +29,7 @@ TARGET, GAIN, STEPS = 0.25, 5.0, 31
 def main(folder: Path = Path("results/04_closed_loop")) -> float:
     plant = SimulatedPlant(published(Exosuit(CONTROL_SHAPE)))
     record = run(plant, Proportional(GAIN, plant.schema.channels[0]), true_reading(), hold(TARGET, STEPS))
-    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+    response = measure_response(record.time, record.target, record.true, record.command, record.driven)
 
     figure = Figure(figsize=(7.0, 5.2), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(1, 2.1))

@@ -93,14 +93,14 @@ for name in ("noise-low", "noise-medium", "noise-high"):
 # The paper's law u_k = u_{k−1} + K_P e_k with K_P = 5, ten times a second, with the network as sensor. In the
 # paper it settles at 0.25 N after 7 steps.
 
-from exosight.control import Proportional, from_image, hold, judge_response, run
+from exosight.control import Proportional, from_image, hold, measure_response, run
 from exosight.control.simulated import SimulatedPlant
 from exosight.exosuit.published import published
 
 plant = SimulatedPlant(published(exosuit))
 law = Proportional(5.0, plant.schema.channels[0])
 record = run(plant, law, from_image(network, plant.schema), hold(0.25, 25))
-response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+response = measure_response(record.time, record.target, record.true, record.command, record.driven)
 print(f"settled within 5 % after {response.settling_steps:.0f} steps")
 print(f"F_net at the end: true {record.true[-1]:.3f} N, estimated {record.estimated[-1]:.3f} N")
 

@@ -1,4 +1,4 @@
-"""Writing a file so that it is there whole or not at all, whatever happens meanwhile; rows as CSV text."""
+"""Writing a file so that it is there whole or not at all, whatever happens meanwhile; versions; CSV text."""
 
 import csv
 import io
@@ -67,6 +67,23 @@ def replace_file(path: Path, content: bytes) -> None:
         raise DataError(f"{path} could not be written: {error.strerror or error}") from error
     finally:
         part.unlink(missing_ok=True)
+
+
+def check_format(path: Path, what: str, found: object, reads: int, remedy: str) -> None:
+    """Raise DataError unless a file is of the one format that this version of exosight reads.
+
+    what     kind of file, such as "checkpoint"
+    found    number of its format, as it says
+    reads    number of the format that is read
+    remedy   how to get such a file of this format
+    """
+    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
+        raise DataError(f"{path}: not a {what} of exosight, it has no format number")
+    if found != reads:
+        raise DataError(
+            f"{path}: {what} format {found}, this exosight reads format {reads}; {remedy}, or use the "
+            "version of exosight that wrote it"
+        )
 
 
 def as_csv(heads: Iterable[str], rows: Iterable[Iterable[Any]], digits: int = 6) -> str:

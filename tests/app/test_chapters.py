@@ -16,7 +16,7 @@ from exosight.app.results import (
     RobustnessSummary,
     TrainingRun,
 )
-from exosight.control import Record, Trial, judge_response
+from exosight.control import Record, Trial, measure_response
 from exosight.evaluation.published import ROBUSTNESS_PUBLISHED
 from exosight.evaluation.tables import Table
 from exosight.learning.history import EpochRecord
@@ -41,7 +41,7 @@ def trial(gain: float, target: np.ndarray, settling_steps: float) -> Trial:
         q=np.zeros((steps, 25)),
         converged=np.ones(steps, dtype=bool),
     )
-    response = judge_response(record.time, target, force, record.command, record.driven)
+    response = measure_response(record.time, target, force, record.command, record.driven)
     return Trial(gain, record, replace(response, settling_steps=settling_steps, overshoot=0.02))
 
 

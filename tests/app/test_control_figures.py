@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 from schemas import published_schema
 
 from exosight.app.control_figures import steady_states, step_responses, trial_figures
-from exosight.control import Record, Trial, judge_response
+from exosight.control import Record, Trial, measure_response
 
 
 def run(target: float = 0.25, steps: int = 20, released: bool = False) -> Record:
@@ -44,7 +44,7 @@ def test_axes_name_quantity_and_unit():
 def test_trials_are_drawn_by_target_and_gain():
     def trial(gain: float, target: float, released: bool) -> Trial:
         record = run(target, released=released)
-        response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+        response = measure_response(record.time, record.target, record.true, record.command, record.driven)
         return Trial(gain, record, response)
 
     assert set(trial_figures([trial(5.0, 0.3, False)])) == {"steady_states"}

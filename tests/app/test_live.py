@@ -73,7 +73,7 @@ def test_a_simulated_exosuit_is_pressed_recorded_and_replayed(
     assert set(told.target) == {0.25}  # half of the largest reading
     assert told.true[-1].sum() > 0.1
     assert [row["stage"] for row in json.loads((tmp_path / "run.json").read_text())["timing"]] == [
-        *("see", "estimate", "decide", "act", "whole step")
+        *("acquire", "estimate", "control", "actuate", "whole step")
     ]
     main(["replay", str(tmp_path / "run.h5"), "--json", "-"])
     shown = capsys.readouterr()
@@ -151,7 +151,7 @@ def test_a_stop_lets_go_first(
         (["--system", str(THUMB)], "expected the sensors"),
         (["--system", "no_such_system"], "expected published or a file"),
         (["--sensor", "C0"], "not estimated from images"),
-        (["--channel", "v"], "has no 'v'"),
+        (["--channel", "v"], "got 'v'"),
         (["--source", ".", "--send", "-", "--json", "-"], "stdout"),
     ],
 )

@@ -333,7 +333,7 @@ def test_too_few_shapes_for_a_split_are_refused(
         ("--held-out sine", "split by design: holds nothing out, got 'sine'"),
         (
             "--protocol variation --held-out plant.young",
-            "varies in the dataset (nothing does), got",
+            "expected none, as there is nothing to choose from, got",
         ),
         (
             "--protocol variation --held-out plant.young --online-designs 1",

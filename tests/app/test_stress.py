@@ -56,7 +56,7 @@ def test_a_system_file_has_episodes_of_its_own(tmp_path: Path):
         (["--gains", "-5"], "greater than 0"),
         (["--model", "missing.onnx"], "missing.onnx"),
         (["--system", "missing.toml"], "missing.toml"),
-        (["--sensor", "F"], "has no 'F'"),
+        (["--sensor", "F"], "got 'F'"),
     ],
 )
 def test_wrong_options_end_in_one_sentence(

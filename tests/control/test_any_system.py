@@ -202,9 +202,9 @@ def test_a_controller_of_another_system_is_refused(thumb: System, config: Contro
 @pytest.mark.parametrize(
     ("names", "words"),
     [
-        ({"sensor": "P9"}, "has no 'P9'; it has P1"),
+        ({"sensor": "P9"}, "sensor: expected one of P1"),
         ({"sensor": "knuckle"}, "not estimated from images; choose one of P1, P2, P3, F_net"),
-        ({"channel": "x"}, "channel: the system thumb has no 'x'; it has u"),
+        ({"channel": "x"}, "channel: expected one of u, got 'x'"),
     ],
 )
 def test_names_that_are_none_of_the_systems_are_refused(

@@ -95,7 +95,7 @@ def test_u_beyond_the_limits_is_refused_and_changes_nothing(plants, u):
     before = plants.step(PATHS[:, :1])
     wrong = PATHS[:, 1:2].copy()
     wrong[4] = u
-    with pytest.raises(InputError, match="within -6…6 N"):
+    with pytest.raises(InputError, match="expected -6 to 6 N"):
         plants.step(wrong)
     np.testing.assert_allclose(plants.step(PATHS[:, :1]).q, before.q, atol=NEAR)
 

@@ -80,12 +80,12 @@ BAD = {
     "black": lambda bench: bench.good(image=np.zeros((4, 6), np.uint8)),
     "blank": lambda bench: bench.good(image=np.full((4, 6), 200, np.uint8)),
     "no estimate": lambda bench: bench.good(reading=None),
-    "no reading": lambda bench: bench.good(reading=reading(math.nan)),
-    "that is no reading": lambda bench: bench.good(reading=reading(math.inf)),
+    "an estimate that is no valid reading": lambda bench: bench.good(reading=reading(math.nan)),
+    "no valid reading": lambda bench: bench.good(reading=reading(math.inf)),
     "an estimate that is no": lambda bench: bench.good(reading=reading(-1e30)),
     "out-of-distribution image": lambda bench: bench.good(reading=reading(0.3, ood_score=1.2)),
     "score nan": lambda bench: bench.good(reading=reading(0.3, ood_score=math.nan)),
-    "not where it was told": lambda bench: bench.good(commands=np.array([bench.u - 0.5])),
+    "not the command that was sent": lambda bench: bench.good(commands=np.array([bench.u - 0.5])),
     "u = nan": lambda bench: bench.good(commands=np.array([math.nan])),
 }
 
@@ -163,7 +163,7 @@ def test_late_pictures_are_compared_with_the_u_under_which_they_were_taken():
 
 @pytest.mark.parametrize(
     ("changes", "cause"),
-    [({"width": 0.5}, "may be 0.50 N off"), ({"ood_score": 0.9}, "close to out of distribution")],
+    [({"width": 0.5}, "an interval of 0.50 N"), ({"ood_score": 0.9}, "close to out of distribution")],
 )
 def test_in_doubt_it_loads_slowly_and_unloads_at_once(changes, cause):
     bench = Bench()

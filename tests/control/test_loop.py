@@ -103,7 +103,7 @@ def test_a_second_run_starts_afresh(toy):
 
 
 def test_a_law_that_asks_for_more_than_the_plant_takes_is_stopped(toy):
-    with pytest.raises(InputError, match="within -6…6 N"):
+    with pytest.raises(InputError, match="expected -6 to 6 N"):
         run(toy(), Proportional(100.0, replace(CHANNEL, high=9.0)), true_reading(), hold(0.2, 5))
 
 

@@ -46,7 +46,7 @@ def run(path: Path, config: ControllerConfig, count: int = 47) -> list[Step]:
     """Record a run; the network's file is any file."""
     steps: list[Step] = []
     moment = itertools.count()
-    guarded = Guarded(Scheduled(config), GuardConfig(doubtful_width=0.5))
+    guarded = Guarded(Scheduled(config), GuardConfig(uncertain_width=0.5))
     recorder = Recorder(path, SHAPE, guarded, Path(__file__))
 
     class Hand:
@@ -72,18 +72,19 @@ def test_what_is_recorded_is_read(tmp_path: Path, straight_config: ControllerCon
     assert len(told) == len(steps) == 47
     np.testing.assert_array_equal(told.command, [step.command for step in steps])
     np.testing.assert_array_equal(
-        told.age[told.seen], [step.measurement.age for step in steps if step.measurement.image is not None]
+        told.age[told.has_frame],
+        [step.measurement.age for step in steps if step.measurement.image is not None],
     )
     np.testing.assert_array_equal(told.seconds, [step.seconds for step in steps])
     assert [STATES[i] for i in told.state] == [step.state for step in steps]
     assert [cause.decode() for cause in told.cause] == [step.cause for step in steps]
-    assert np.flatnonzero(~told.seen).tolist() == [11, 12, 13]
-    assert np.flatnonzero(~told.answered).tolist() == [7, 11, 12, 13]
+    assert np.flatnonzero(~told.has_frame).tolist() == [11, 12, 13]
+    assert np.flatnonzero(~told.has_estimate).tolist() == [7, 11, 12, 13]
     assert np.isnan(told.true[11]).all()
     np.testing.assert_array_equal(told.true[20], np.full(7, 0.01 * 20))
     for i in (0, 20, 46):
         np.testing.assert_array_equal(told.images[i], steps[i].measurement.image)
-    assert told.guard.doubtful_width == 0.5
+    assert told.guard.uncertain_width == 0.5
     assert told.model == checksum(Path(__file__))
     np.testing.assert_array_equal(told.controller.unloading.outputs, straight_config.unloading.outputs)
 
@@ -135,7 +136,7 @@ def test_a_file_is_not_overwritten(tmp_path: Path, straight_config: ControllerCo
 
 def test_a_killed_process_leaves_its_whole_seconds(tmp_path: Path, straight_config: ControllerConfig) -> None:
     steps = run(tmp_path / "whole.h5", straight_config)
-    guarded = Guarded(Scheduled(straight_config), GuardConfig(doubtful_width=0.5))
+    guarded = Guarded(Scheduled(straight_config), GuardConfig(uncertain_width=0.5))
     recorder = Recorder(tmp_path / "run.h5", SHAPE, guarded, Path(__file__))
     for step in steps:
         recorder.append(step)
@@ -226,3 +227,12 @@ def test_a_network_of_another_size_is_refused(tmp_path: Path, straight_config: C
     run(tmp_path / "run.h5", straight_config)
     with pytest.raises(InputError, match="images"):
         replay(read_recording(tmp_path / "run.h5"), OnnxEstimator.load(DEFAULT_MODEL).read)
+
+
+def test_a_recording_of_an_earlier_format_is_refused(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "old.h5", "w") as file:
+        file.attrs["format"] = "exosight recording 2"
+    with pytest.raises(
+        DataError, match="recording format 2, this exosight reads format 3; record the run again"
+    ):
+        read_recording(tmp_path / "old.h5")

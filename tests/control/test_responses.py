@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from toy import CHANNEL
 
-from exosight.control import hold, hold_and_release, judge_response
+from exosight.control import hold, hold_and_release, measure_response
 from exosight.errors import InputError
 
 STEPS = np.arange(80)
@@ -18,7 +18,9 @@ unhurried = settings(deadline=None)  # a busy machine is no failure
 
 def judge(force, target, u=None, channel=CHANNEL, **options):
     time = np.arange(len(target)) / 10
-    return judge_response(time, target, force, np.zeros(len(target)) if u is None else u, channel, **options)
+    return measure_response(
+        time, target, force, np.zeros(len(target)) if u is None else u, channel, **options
+    )
 
 
 @unhurried

@@ -7,7 +7,7 @@ import equinox as eqx
 import numpy as np
 import pytest
 
-from exosight.control import CONTROL_SHAPE, Proportional, hold, judge_response, run, true_reading
+from exosight.control import CONTROL_SHAPE, Proportional, hold, measure_response, run, true_reading
 from exosight.control.simulated import SimulatedPlant
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
@@ -74,7 +74,7 @@ def test_the_pose_does_not_depend_on_how_many_calls_led_to_it(plant):
 def test_u_beyond_the_limits_is_refused_and_changes_nothing(plant, u):
     plant.reset()
     before = plant.apply(np.array([0.4]))
-    with pytest.raises(InputError, match="within -6…6 N"):
+    with pytest.raises(InputError, match="expected -6 to 6 N"):
         plant.apply(np.array([u]))
     np.testing.assert_allclose(plant.apply(np.array([0.4])).q, before.q, atol=1e-9)
 
@@ -105,7 +105,7 @@ def test_commands_of_another_number_are_refused(plant):
 
 def test_the_papers_law_brings_it_to_the_target(plant):
     record = run(plant, Proportional(5.0, SYSTEM.schema.channels[0]), true_reading(), hold(0.25, 24))
-    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+    response = measure_response(record.time, record.target, record.true, record.command, record.driven)
     assert record.converged.all()
     assert response.settling_steps <= 7  # the paper's own count
     assert response.steady_state_error == pytest.approx(0, abs=1e-3)

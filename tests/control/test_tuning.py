@@ -12,7 +12,7 @@ from exosight.control import (
     Scheduled,
     hold,
     hold_and_release,
-    judge_response,
+    measure_response,
     run_guarded,
     true_measurement,
 )
@@ -71,7 +71,7 @@ def test_the_slopes_of_the_path_are_the_sensitivities_of_the_equilibria(config, 
 def test_constant_targets_settle_in_six_steps_with_the_least_overshoot_there_can_be(config, plant, target):
     guarded = Guarded(Scheduled(config))
     record = run_guarded(plant, guarded, true_measurement, hold(target, 16))
-    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+    response = measure_response(record.time, record.target, record.true, record.command, record.driven)
     assert response.settling_steps <= 6
     assert abs(response.steady_state_error) < 0.02 * target
     assert guarded.log == []
@@ -93,7 +93,7 @@ def test_a_dropped_target_is_released_within_a_second(config, plant):
 def test_an_exosuit_softer_than_tuned_for_is_served_as_well(config):
     softer = SimulatedPlant(published(Exosuit(CONTROL_SHAPE, young=0.9 * 300e3), CAMERA))
     record = run_guarded(softer, Guarded(Scheduled(config)), true_measurement, hold(0.35, 16))
-    response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+    response = measure_response(record.time, record.target, record.true, record.command, record.driven)
     assert response.settling_steps <= 6
     assert abs(response.steady_state_error) < 0.02 * 0.35
 

@@ -44,7 +44,7 @@ def test_labels_are_the_estimated_sensors_by_name(frames: Frames) -> None:
         frames.labels, np.stack([frames.reading(name) for name in ("P1", "P2", "P3")], axis=1)
     )
     np.testing.assert_array_equal(frames.reading("knuckle"), frames.sensors[:, 4])
-    with pytest.raises(InputError, match="no 'C1'; it has P1, P2, P3, F_net, knuckle"):
+    with pytest.raises(InputError, match="expected one of P1, P2, P3, F_net, knuckle, got 'C1'"):
         frames.reading("C1")
 
 

@@ -129,7 +129,7 @@ def test_garbage_is_said(dataset: Path, content: bytes) -> None:
 @pytest.mark.parametrize("content", ["[]", "{}", '{"format": "1"}', '{"format": 0}', "3", '{"format": true}'])
 def test_other_json_is_no_manifest(dataset: Path, content: str) -> None:
     (dataset / "manifest.json").write_text(content)
-    with pytest.raises(DataError, match=r"not the manifest of a dataset|damaged manifest"):
+    with pytest.raises(DataError, match=r"not a dataset of exosight|damaged manifest"):
         read_manifest(dataset)
 
 
@@ -147,8 +147,8 @@ def set_chunk(**change):
 @pytest.mark.parametrize(
     ("change", "part"),
     [
-        (lambda v: v.update(format=3), "format 3, written by a newer exosight"),
-        (lambda v: v.update(format=1), "this one reads format 2: make it again, exosight generate"),
+        (lambda v: v.update(format=3), "dataset format 3, this exosight reads format 2; generate it again"),
+        (lambda v: v.update(format=1), "dataset format 1, this exosight reads format 2; generate it again"),
         (lambda v: v.pop("seed"), "seed"),
         (lambda v: v.update(seed="0"), "seed"),
         (lambda v: v.update(extra=1), "extra"),

@@ -137,11 +137,11 @@ def test_the_split_remembers_how_it_was_made() -> None:
         (40, "colour", None, "expected one of frame, design, family, variation, got 'colour'"),
         (40, "family", None, "split by family: name what is held out (plain, waved"),
         (40, "variation", None, "split by variation: name what is held out (rare)"),
-        (40, "variation", "plant.gap", "expected what varies in the dataset (rare), got 'plant.gap'"),
-        (40, "variation", "even", "expected what varies in the dataset (rare), got 'even'"),
-        (40, "variation", "rare", "rare has its largest value, 0, in 90% of the frames"),
+        (40, "variation", "plant.gap", "expected one of rare, got 'plant.gap'"),
+        (40, "variation", "even", "expected one of rare, got 'even'"),
+        (40, "variation", "rare", "90% of the frames have rare at its largest value, 0"),
         (40, "family", "spline", "plain, waved, tapered, rare, odd, got 'spline'"),
-        (40, "family", "waved", "no frames of 'waved'"),
+        (40, "family", "waved", "0% of the frames have waved"),
         (80, "design", "waved", "split by design: holds nothing out, got 'waved'"),
         (4, "frame", None, "at least 5 frames, got 4"),
         (16, "design", None, "at least 5 designs to divide, got 4"),
@@ -157,7 +157,7 @@ def test_what_cannot_be_split_is_said(count: int, protocol: str, held_out: str |
 
 
 def test_nothing_varies() -> None:
-    with pytest.raises(InputError, match=r"in the dataset \(nothing does\), got 'plant\.young'"):
+    with pytest.raises(InputError, match=r"nothing to choose from, got 'plant\.young'"):
         make_split(WHOLE, "variation", 0, "plant.young")
 
 

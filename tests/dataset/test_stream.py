@@ -55,7 +55,7 @@ def test_numbers_count_through_the_stream() -> None:
 
 # The process
 
-ORDER = streams._Order(CONFIG, None, 1, (), 0)
+ORDER = (CONFIG, None, 1, (), 0)
 
 
 def test_blocks_are_what_the_simulation_gives_for_their_designs() -> None:
@@ -103,7 +103,7 @@ def test_what_goes_wrong_over_there_is_told_here(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(simulation, "simulate_designs", broken)
     here, there = multiprocessing.Pipe(duplex=False)
     with here, there:
-        streams._produce(there, ORDER)
+        streams._produce(there, *ORDER)
         with pytest.raises(DataError, match=r"simulation failed \(RuntimeError: out of registers\)"):
             next(streams._received(here))
 
@@ -114,7 +114,7 @@ def test_a_reader_that_has_gone_ends_the_simulation(monkeypatch: pytest.MonkeyPa
     here, there = multiprocessing.Pipe(duplex=False)
     here.close()
     with there:
-        streams._produce(there, ORDER)
+        streams._produce(there, *ORDER)
 
 
 def test_reading_a_stream_does_not_need_jax() -> None:

@@ -26,7 +26,7 @@ def test_the_scheduled_law_holds_its_target_on_the_true_reading(
     told = steps_of(LoopSettings(target=0.3, measured="true"), request.getfixturevalue(name))
     assert len(told) == HELD + RELEASED
     force = np.array([step["readings"]["F_net"] for step in told])
-    assert np.all(np.abs(force[20:HELD] - 0.3) < 0.05 * 0.3)  # the band of `judge_response`
+    assert np.all(np.abs(force[20:HELD] - 0.3) < 0.05 * 0.3)  # the band of `measure_response`
     assert force[-1] < 0.01
     assert {step["guard"]["state"] for step in told} == {"normal"}
     assert [step["time"] for step in told[:3]] == [0.0, 0.1, 0.2]
@@ -106,8 +106,11 @@ def test_whoever_stops_listening_stops_the_run(lab: LabSystem) -> None:
     [
         (LoopSettings(), "measured: no estimates: the network was trained for the system published"),
         (LoopSettings(measured="true", sensor="knuckle"), "sensor knuckle: it is not estimated"),
-        (LoopSettings(measured="true", sensor="C1"), "sensor: the system thumb has no 'C1'"),
-        (LoopSettings(measured="true", channel="p"), "channel: the system thumb has no 'p'; it has u"),
+        (
+            LoopSettings(measured="true", sensor="C1"),
+            "sensor: expected one of P1, P2, P3, F_net, knuckle, got 'C1'",
+        ),
+        (LoopSettings(measured="true", channel="p"), "channel: expected one of u, got 'p'"),
     ],
 )
 def test_what_a_system_does_not_have_is_refused(

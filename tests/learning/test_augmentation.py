@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from exosight.learning.augmentation import FADED, NOISE, NOISE_MEAN, NOISY, augment_batch, moved
+from exosight.learning.augmentation import FADED, NOISE, NOISE_MEAN, NOISY, augment_batch, shifted
 
 
 def test_images_move_by_whole_pixels_and_their_border_repeats():
     generator = np.random.default_rng(0)
     images = generator.integers(0, 256, (40, 120, 80), np.uint8)
     moves = set()
-    for image, other in zip(images, moved(images[:, None], generator)[:, 0], strict=True):
+    for image, other in zip(images, shifted(images[:, None], generator)[:, 0], strict=True):
         # Largest moves: 120 // 40 rows and 80 // 40 columns. The inner part says which move it was.
         padded = np.pad(image, ((3, 3), (2, 2)), mode="edge")
         fits = [
@@ -27,7 +27,7 @@ def test_images_move_by_whole_pixels_and_their_border_repeats():
 
 def test_small_images_stay_where_they_are():
     images = np.random.default_rng(0).integers(0, 256, (8, 1, 39, 39), np.uint8)
-    assert np.array_equal(moved(images, np.random.default_rng(1)), images)
+    assert np.array_equal(shifted(images, np.random.default_rng(1)), images)
 
 
 def test_what_happens_follows_from_seed_epoch_and_step_alone():

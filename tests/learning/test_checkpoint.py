@@ -163,7 +163,7 @@ def test_another_format_is_named(trained: Path, tmp_path: Path, monkeypatch: pyt
     monkeypatch.setattr("exosight.learning.checkpoint._FORMAT", 2)
     write(tmp_path, checkpoint)
     monkeypatch.undo()
-    with pytest.raises(DataError, match="checkpoint format 2, this exosight reads 3; train again"):
+    with pytest.raises(DataError, match="checkpoint format 2, this exosight reads format 3; train again"):
         load_checkpoint(tmp_path)
 
 

@@ -84,7 +84,7 @@ def test_the_paper_network_exports(tmp_path: Path, identity: dict):
     data = TrainingData(published_schema(), images, labels, np.arange(3), np.arange(3, 4), identity)
     train(config, data, tmp_path / "run")
     card = export_onnx(tmp_path / "run", tmp_path / "models" / "paper.onnx", images, labels)
-    assert (card.network, card.image_size) == ("paper", (128, 128))
+    assert (card.network, card.schema.image_size) == ("paper", (128, 128))
     assert open_model(tmp_path / "models" / "paper.onnx", 1)[1] == card
 
 

@@ -195,7 +195,7 @@ def test_it_is_driven_less_hard() -> None:
 def test_a_network_of_another_kind_is_refused(
     config: TrainConfig, schema: Schema, said: str, pretrained: Pretrained, tmp_path: Path, identity: dict
 ) -> None:
-    images = np.zeros((24, schema.cameras[0].height, schema.cameras[0].width), np.uint8)
+    images = np.zeros((24, *schema.image_size), np.uint8)
     data = TrainingData(
         *(schema, images, np.ones((24, len(schema.outputs)), np.float32)),
         *(np.arange(16), np.arange(16, 24), identity),

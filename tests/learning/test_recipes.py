@@ -24,7 +24,7 @@ def test_one_cycle_agrees_with_pytorch(steps: int):
     theirs, ours = [], []
     for step in range(steps):
         theirs.append(optimizer.param_groups[0]["lr"])
-        ours.append(RECIPES["modern"].rate(3e-3, step, steps, ()))
+        ours.append(RECIPES["modern"].schedule.rate(3e-3, step, steps, ()))
         optimizer.step()
         scheduler.step() if step + 1 < steps else None
     # Both evaluate the same cosine in double precision.
@@ -33,12 +33,12 @@ def test_one_cycle_agrees_with_pytorch(steps: int):
 
 @pytest.mark.parametrize("steps", [1, 2, 3, 4, 5])
 def test_one_cycle_is_defined_for_the_shortest_runs(steps: int):
-    rates = [RECIPES["modern"].rate(1.0, step, steps, ()) for step in range(steps)]
+    rates = [RECIPES["modern"].schedule.rate(1.0, step, steps, ()) for step in range(steps)]
     assert all(0 < rate <= 1 for rate in rates)
 
 
 def test_modern_recipe_never_stops_early():
-    assert not RECIPES["modern"].stalled(after([1.0] * 50))
+    assert not RECIPES["modern"].schedule.should_stop(after([1.0] * 50))
 
 
 @pytest.mark.parametrize(
@@ -64,14 +64,14 @@ def test_modern_recipe_never_stops_early():
 )
 def test_paper_recipe_on_scripted_losses(losses: list[float], cuts: int, stalled: bool):
     recipe, history = RECIPES["paper"], every_fifth(losses)
-    assert recipe.rate(2e-4, 0, 1, history) == pytest.approx(2e-4 * 0.1**cuts)
-    assert recipe.stalled(history) is stalled
+    assert recipe.schedule.rate(2e-4, 0, 1, history) == pytest.approx(2e-4 * 0.1**cuts)
+    assert recipe.schedule.should_stop(history) is stalled
 
 
 def test_paper_recipe_is_the_printed_one():
     recipe = RECIPES["paper"]
     assert (recipe.learning_rate, recipe.weight_decay, recipe.validate_every) == (2e-4, 0.0, 5)
-    assert (recipe.scales_outputs, recipe.loss_corner, recipe.augments) == (False, 0.0, False)
+    assert (recipe.scales_outputs, recipe.smooth_l1_beta, recipe.augments) == (False, 0.0, False)
 
 
 def test_adamw_without_decay_is_adam():

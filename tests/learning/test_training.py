@@ -229,7 +229,7 @@ def test_resuming_with_other_data_is_refused(
 ):
     with pytest.raises(InputError, match=r"its young is 300000\.0, asked for is 200000\.0"):
         run(small, blobs, trained, identity | {"young": 200e3}, resume=True)
-    with pytest.raises(InputError, match="its note is None"):
+    with pytest.raises(InputError, match="its note is none"):
         run(small, blobs, trained, identity | {"note": "more"}, resume=True)
     limited = replace(blobs.schema.sensors[1], name="C1_tip")
     other = replace(blobs.schema, sensors=(blobs.schema.sensors[0], limited, *blobs.schema.sensors[2:8]))

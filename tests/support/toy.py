@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from exosight.control import ControllerConfig, ForcePath, Observation
-from exosight.control.plant import check_commands
 from exosight.system.schema import Channel, Schema, SensorSpec, ViewSpec
 
 SLOPE = 0.1
@@ -66,7 +65,7 @@ class ToyPlant:
         return self.look(0.0)
 
     def apply(self, commands: np.ndarray) -> Observation:
-        (u,) = check_commands(self.schema.channels, commands).tolist()
+        (u,) = self.schema.check_commands(commands).tolist()
         self.applied.append(u)
         return self.look(u)
 

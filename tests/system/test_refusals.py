@@ -50,17 +50,17 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
     (('radius = ["10 mm", "8 mm"]', 'radius = "10 mm"'), "links.base.radius: expected a list"),
     (
         (YOUNG, f"{YOUNG}\nparent = 'hand'"),
-        "rods.soft.parent: there is no body 'hand'; there are soft, base, tip",
+        "rods.soft.parent: expected one of soft, base, tip, got 'hand'",
     ),
     (('length = "40 mm"', 'length = "40 mm"\nparent = "tip"'), "a cycle; one body must sit on the ground"),
-    (("[links.tip]", "[links.soft]"), "expected different names of rods and links, got soft twice"),
+    (("[links.tip]", "[links.soft]"), "rods and links: expected different names, got soft twice"),
     (
         ('surface = "pads"\nspheres', 'surface = "palm"\nspheres'),
-        "sensors.near.surface: there is no surface of spheres 'palm'",
+        "sensors.near.surface: expected one of ",
     ),
     (
         ('surface = "pads"\nbody', 'surface = "skin"\nbody'),
-        "sensors.far.surface: there is no surface of spheres 'skin'",
+        "sensors.far.surface: expected one of ",
     ),
     (
         ("spheres = [0, 1]", "spheres = [0, 4]"),
@@ -73,7 +73,7 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
         ('["near", "far"]', '["near", "thumb"]'),
         "sensors: sensor sum: it sums thumb, which is no sensor before it",
     ),
-    (('["near", "far"]', '["near", "near"]'), "sensors.sum: parts: expected each sensor once"),
+    (('["near", "far"]', '["near", "near"]'), "sensors.sum: parts: expected different names, got near twice"),
     (('second = "pads"', 'second = "soft_points"'), "contacts.press: both surfaces are on soft"),
     (("at = [0.5, 1.0]", ""), "surfaces.pads.at: expected places along base from 0 to 1, got none"),
     (
@@ -113,7 +113,7 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
     ),
     (
         ('body = "soft"\nrange', 'body = "base"\nrange'),
-        "actuators.u.body: there is no rod 'base'; there are soft",
+        "actuators.u.body: expected one of soft, got 'base'",
     ),
     (
         profile("values = [5, 4], x = [0, 0.5, 1]"),

@@ -142,7 +142,7 @@ def test_without_its_switches_a_transform_leaves_pictures_as_they_are(transform,
 
 
 def test_other_columns_are_refused() -> None:
-    with pytest.raises(InputError, match="no column haze"):
+    with pytest.raises(InputError, match="got 'haze'"):
         Appearance.neutral(3, haze=1.0)
     with pytest.raises(InputError, match="one length"):
         Appearance({**NEUTRAL.columns, "roll": np.zeros(3)})

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from exosight.exosuit.finger import Finger
 from exosight.vision import BACKGROUND, Camera, augment
-from exosight.vision.occlusion import LINK_LENGTHS, LINK_RADII, draw_fingers, occluder, put_before
+from exosight.vision.occlusion import LINK_LENGTHS, LINK_RADII, draw_fingers, occluder, overlay
 from exosight.vision.transforms.foreground import OCCLUSION_KINDS
 
 
@@ -55,7 +55,7 @@ def test_a_picture_without_bodies_is_hidden_at_its_middle() -> None:
 @given(st.integers(0, 255), st.floats(0, 1))
 def test_what_is_put_before_hides_what_it_covers(gray: int, shade: float) -> None:
     picture, mask = np.full((1, 3), gray, np.uint8), np.array([[0, 128, 255]], np.uint8)
-    seen = put_before(picture, mask, shade)[0]
+    seen = overlay(picture, mask, shade)[0]
     assert seen[0] == gray
     assert abs(seen[1] - (gray + 128 / 255 * (255 * shade - gray))) <= 0.51
     assert abs(seen[2] - 255 * shade) <= 0.51

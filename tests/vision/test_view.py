@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exosight.vision import BACKGROUND, Camera, Tube, augment, moved, project, render
+from exosight.vision import BACKGROUND, Camera, Tube, augment, project, render, transformed_points
 from exosight.vision.view import DISTANCE, homographies
 
 W, H = 128, 96
@@ -18,19 +18,19 @@ angles = st.floats(-3, 3)
 @given(angles)
 def test_roll_turns_points_about_the_middle(plain, angle: float) -> None:
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    found = moved(plain(1, roll=angle).columns, POINTS, W, H)
+    found = transformed_points(plain(1, roll=angle).columns, POINTS, W, H)
     np.testing.assert_allclose(found, (POINTS - MIDDLE) @ turn + MIDDLE, atol=ROUND_OFF)
 
 
 def test_a_positive_roll_is_clockwise(plain) -> None:
     right = np.array([[[MIDDLE[0] + 10, MIDDLE[1]]]])
-    below = moved(plain(1, roll=np.pi / 2).columns, right, W, H)[0, 0]
+    below = transformed_points(plain(1, roll=np.pi / 2).columns, right, W, H)[0, 0]
     np.testing.assert_allclose(below, MIDDLE + np.array([0, 10]), atol=ROUND_OFF)  # rows grow downwards
 
 
 @given(st.floats(0.5, 2), st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
 def test_zoom_enlarges_and_shift_moves_by_shares_of_the_sides(plain, zoom, x, y) -> None:
-    found = moved(plain(1, zoom=zoom, shift_x=x, shift_y=y).columns, POINTS, W, H)
+    found = transformed_points(plain(1, zoom=zoom, shift_x=x, shift_y=y).columns, POINTS, W, H)
     np.testing.assert_allclose(found, zoom * (POINTS - MIDDLE) + MIDDLE + [x * W, y * H], atol=ROUND_OFF)
 
 
@@ -40,7 +40,7 @@ def test_tilt_is_a_pinhole_cameras_view_of_a_turned_plane(plain, tilt: float) ->
     d = POINTS - MIDDLE
     far = DISTANCE * W
     for name, one, other in (("tilt_x", 1, 0), ("tilt_y", 0, 1)):
-        found = moved(plain(1, **{name: tilt}).columns, POINTS, W, H) - MIDDLE
+        found = transformed_points(plain(1, **{name: tilt}).columns, POINTS, W, H) - MIDDLE
         nearness = far / (far + d[..., one] * np.sin(tilt))
         np.testing.assert_allclose(found[..., one], d[..., one] * np.cos(tilt) * nearness, atol=ROUND_OFF)
         np.testing.assert_allclose(found[..., other], d[..., other] * nearness, atol=ROUND_OFF)
@@ -49,7 +49,7 @@ def test_tilt_is_a_pinhole_cameras_view_of_a_turned_plane(plain, tilt: float) ->
 @given(st.floats(-0.7, 0.7), st.floats(-0.7, 0.7), angles)
 def test_a_camera_without_a_lens_keeps_lines_straight(plain, tilt_x, tilt_y, roll) -> None:
     line = np.array([20.0, 15.0]) + np.linspace(0, 1, 7)[:, None] * np.array([70.0, 55.0])
-    found = moved(plain(1, tilt_x=tilt_x, tilt_y=tilt_y, roll=roll).columns, line[None], W, H)[0]
+    found = transformed_points(plain(1, tilt_x=tilt_x, tilt_y=tilt_y, roll=roll).columns, line[None], W, H)[0]
     along = (found - found[0]) / np.linalg.norm(found[-1] - found[0])
     assert np.abs(along[:, 0] * along[-1, 1] - along[:, 1] * along[-1, 0]).max() < 1e-12  # round-off
 
@@ -58,7 +58,9 @@ def test_a_camera_without_a_lens_keeps_lines_straight(plain, tilt_x, tilt_y, rol
 def test_distortion_leaves_the_middle_and_all_directions(plain, k: float) -> None:
     inner = MIDDLE + 0.8 * (POINTS - MIDDLE)  # pincushions push what is farther out of sight
     found = (
-        moved(plain(1, distortion=k).columns, np.concatenate([inner, MIDDLE[None, None]], axis=1), W, H)[0]
+        transformed_points(
+            plain(1, distortion=k).columns, np.concatenate([inner, MIDDLE[None, None]], axis=1), W, H
+        )[0]
         - MIDDLE
     )
     np.testing.assert_allclose(found[-1], 0, atol=ROUND_OFF)
@@ -72,7 +74,7 @@ def test_distortion_leaves_the_middle_and_all_directions(plain, k: float) -> Non
 def test_a_pincushion_enlarges_towards_the_corners_and_a_barrel_shrinks(plain) -> None:
     d = 0.7 * (POINTS - MIDDLE)
     for k, sign in ((0.1, 1), (-0.1, -1)):
-        found = moved(plain(1, distortion=k).columns, MIDDLE + d, W, H) - MIDDLE
+        found = transformed_points(plain(1, distortion=k).columns, MIDDLE + d, W, H) - MIDDLE
         gain = np.linalg.norm(found, axis=-1) / np.linalg.norm(d, axis=-1)
         order = np.argsort(np.linalg.norm(d, axis=-1)[0])
         assert np.all(np.diff(sign * gain[0, order]) > 0)
@@ -108,7 +110,7 @@ def test_pictures_move_as_their_points_do(plain, view: dict, x: float, z: float)
     found = np.array([(weight * columns).sum(), (weight * rows).sum()]) / weight.sum()
     # A ball of four pixels is seen as something that is not quite round: a tenth of a pixel at this tilt.
     np.testing.assert_allclose(
-        found, moved(appearance.columns, project(camera, centre[:, :1]), W, H)[0, 0], atol=0.15
+        found, transformed_points(appearance.columns, project(camera, centre[:, :1]), W, H)[0, 0], atol=0.15
     )
 
 

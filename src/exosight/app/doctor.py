@@ -179,7 +179,7 @@ def _try_estimator() -> tuple[str, bool]:
 
         estimator = OnnxEstimator.load(DEFAULT_MODEL)
         card = estimator.card
-        estimator.read(np.full((1, *card.image_size), 200, np.uint8))
+        estimator.read(np.full((1, *card.schema.image_size), 200, np.uint8))
     except Exception as error:
         return f"does not work: {_first_line(error)}", False
     return f"{DEFAULT_MODEL.name} answers", True

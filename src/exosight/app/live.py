@@ -121,7 +121,7 @@ def on_simulation(run: LiveRun, log: Log) -> None:
 
 def on_camera(run: LiveRun, source: str, crop: Crop | None, send: str | None, log: Log) -> None:
     """Look through a camera or at pictures in files, and write the command to whoever reads it at `send`."""
-    height, width = run.network.card.image_size
+    height, width = run.network.card.schema.image_size
     frames = open_source(source, width, height, crop)
     with closing(frames), ExitStack() as stack:
         # A camera has noise: the same picture, bit by bit, for half a second is no picture.
@@ -139,7 +139,7 @@ def _written(run: LiveRun, guarded: Guarded, log: Log) -> Iterator[Callable[[Ste
     if run.record is None:
         yield log.append
         return
-    with closing(Recorder(run.record, run.network.card.image_size, guarded, run.model)) as recorder:
+    with closing(Recorder(run.record, run.network.card.schema.image_size, guarded, run.model)) as recorder:
 
         def done(step: Step) -> None:
             log.append(step)

@@ -11,7 +11,7 @@ from exosight.evaluation.metrics import finite_or_none
 from exosight.evaluation.tables import Column, Table
 from exosight.exosuit.catalogue import nominal_system
 from exosight.system.schema import Schema, schema_to_dict
-from exosight.system.simulation import Answer, simulate_system
+from exosight.system.simulation import SystemStates, simulate_system
 
 
 def simulated_path(name: str, u: Sequence[float] | None, commands: Sequence[str] | None) -> dict[str, Any]:
@@ -24,11 +24,11 @@ def simulated_path(name: str, u: Sequence[float] | None, commands: Sequence[str]
     """
     system = nominal_system(name)
     schema = system.schema
-    answer = simulate_system(system, _commands(schema, u, commands))
+    states = simulate_system(system, _commands(schema, u, commands))
     return {
         "system": schema.system,
         "schema": schema_to_dict(schema),
-        "path": [_record(schema, answer, i) for i in range(len(answer.commands))],
+        "path": [_record(schema, states, i) for i in range(len(states.commands))],
     }
 
 
@@ -91,10 +91,10 @@ def _command(text: str, names: Sequence[str]) -> list[float]:
     return list(values.values())
 
 
-def _record(schema: Schema, answer: Answer, i: int) -> dict[str, Any]:
-    found, readings = answer.equilibria, answer.observation.readings[i].tolist()
+def _record(schema: Schema, states: SystemStates, i: int) -> dict[str, Any]:
+    found, readings = states.equilibria, states.observation.readings[i].tolist()
     return {
-        "commands": {c.name: x for c, x in zip(schema.channels, answer.commands[i].tolist(), strict=True)},
+        "commands": {c.name: x for c, x in zip(schema.channels, states.commands[i].tolist(), strict=True)},
         "readings": {s.name: finite_or_none(x) for s, x in zip(schema.sensors, readings, strict=True)},
         "converged": bool(found.converged[i]),
         "residual": finite_or_none(float(found.residual[i])),

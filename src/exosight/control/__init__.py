@@ -1,17 +1,17 @@
 """Force control: the loop between a plant and an estimator.
 
-plant             what a controller can actuate and look at
+plant             what a controller actuates and observes
 simulated         that plant as a simulation (needs JAX: `exosight.control.simulated`)
 estimator         contact forces from images
-calibration       a network whose errors on one system are known (needs JAX: `exosight.control.calibration`)
+calibration       a network corrected by its errors on one system (needs JAX: `exosight.control.calibration`)
 batch             many simulated plants side by side (needs JAX: `exosight.control.batch`)
-frame_history     what a network is shown beside the next image: earlier ones, u
+frame_history     inputs of a network beside the next image: earlier ones, u
 laws              from target and measured force to the next actuation
-loop              measure, ask the law, actuate, step after step
-paths             what a controller knows of its plant: paths of readings up and down, limits
+loop              measure, evaluate the law, actuate, step after step
+paths             the model of a plant that a controller has: paths of readings up and down, limits
 scheduled         a law with the gains of those paths, and limits on actuation and on every contact
 tuning            those paths from a simulation (needs JAX: `exosight.control.tuning`)
-guard             what may be trusted, and what to do when it may not: normal, slow, hold, release
+guard             a state machine that checks every frame: normal, slow, hold, release
 guarded           the loop with that law and guard in it
 sources           frames of a camera, a video, a folder of pictures
 actuators         what carries the command to the plant
@@ -30,7 +30,7 @@ from exosight.control.laws import Law, OpenLoop, Proportional
 from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_reading
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import Observation, Plant
-from exosight.control.responses import Response, judge_response
+from exosight.control.responses import Response, measure_response
 from exosight.control.scheduled import Scheduled
 from exosight.control.trials import CONTROL_SHAPE, Trial, published_trials, run_trials
 
@@ -60,7 +60,7 @@ __all__ = [
     "from_image",
     "hold",
     "hold_and_release",
-    "judge_response",
+    "measure_response",
     "measurement_from",
     "published_trials",
     "run",

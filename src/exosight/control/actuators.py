@@ -11,9 +11,9 @@ from exosight.errors import DataError
 
 @runtime_checkable
 class Actuator(Protocol):
-    """Something that is told u, step after step.
+    """What applies u to the plant, step after step.
 
-    It should go to u = 0 by itself when it is told nothing for half a second: no program can let go after a
+    It should return to u = 0 by itself without a command for half a second: no program can do so after a
     power cut.
     """
 
@@ -24,12 +24,12 @@ class Actuator(Protocol):
         ...
 
     def close(self) -> None:
-        """Let go at once, u = 0, and need no further call; called once, however the loop ended."""
+        """Return to u = 0 at once, and need no further call; called once, however the loop ended."""
         ...
 
 
 class NoActuator:
-    """Nobody: to watch, and to see what the controller would do."""
+    """None: commands are computed, and nothing is actuated."""
 
     def apply(self, u: float) -> None:
         """Do nothing."""
@@ -64,14 +64,14 @@ class Lines:
             raise DataError(f"{path}: cannot be written ({error.strerror}); name another place") from error
 
     def apply(self, u: float) -> None:
-        """Write one line; DataError if nobody can read it any more."""
+        """Write one line; DataError if it can no longer be written."""
         try:
             self._stream.write(b"%.4f\n" % u)
         except (OSError, ValueError) as error:  # ValueError: the stream is closed
             raise DataError(f"u cannot be sent ({error}); look after the actuator") from error
 
     def close(self) -> None:
-        """Write 0.0000 as the last line, if anybody reads it."""
+        """Write 0.0000 as the last line, if it can be written."""
         with suppress(DataError):
             self.apply(0.0)
         self._stream.close()

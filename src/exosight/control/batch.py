@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from exosight.control.plant import check_commands
 from exosight.errors import ConvergenceError, InputError
 from exosight.mechanics import JointTorque, Link, Robot, State, advance
 from exosight.mechanics.equilibrium import SolverOptions
@@ -168,7 +167,7 @@ class BatchPlant:
                 f"commands: expected shape ({len(self)}, {len(self.schema.channels)}), a row a plant, got "
                 f"{np.shape(commands)}"
             )
-        asked = check_commands(self.schema.channels, commands)
+        asked = self.schema.check_commands(commands)
         if joints is not None:
             self._check(joints)
             self._hold(joints)
@@ -188,7 +187,7 @@ class BatchPlant:
         chosen = np.arange(len(self)) if which is None else which
         axes = {name: axis[chosen] for name, axis in self._state.axes.items()}
         own = jax.tree.map(lambda leaf: leaf[chosen], self._stacked)
-        return render(tubes(own, axes), camera or self.systems[0].camera())
+        return render(tubes(own, axes), camera or self.systems[0].camera)
 
     def _look(self, converged: Bool[np.ndarray, " plants"]) -> BatchState:
         q = np.array(self._reached.q)

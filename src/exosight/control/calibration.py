@@ -11,11 +11,10 @@ from jaxtyping import Bool, Float, Float32
 
 from exosight.control.estimator import Reader, Reading
 from exosight.control.paths import ControllerConfig
-from exosight.errors import ConvergenceError, InputError
-from exosight.mechanics import drive
-from exosight.system.observation import observe
+from exosight.errors import InputError
 from exosight.system.schema import difference
-from exosight.system.system import System, stack_systems
+from exosight.system.simulation import simulate_path
+from exosight.system.system import System
 from exosight.vision.scene import picture
 
 _NEAR = 0.03
@@ -51,7 +50,7 @@ class Calibrated:
                 "calibration: expected two points or more, with estimated and true outputs of one shape"
             )
         if self.joined.shape != (count - 1,) or not self.joined.any():
-            raise InputError("calibration: expected to be told which points are joined, at least two of them")
+            raise InputError("calibration: expected which points are joined, at least two of them")
         if not (np.isfinite(self.estimated).all() and np.isfinite(self.true).all()):
             raise InputError("calibration: expected finite numbers, got one that is not")
 
@@ -98,18 +97,10 @@ def calibrate_estimator(estimator: Reader, system: System, config: ControllerCon
     if found:
         raise InputError(f"calibration: expected a controller that was tuned for this system; {found}")
     u = np.concatenate([config.loading.u, config.unloading.u[1:]])
-    path = drive([system.robot], system.loads(np.stack([config.commands(each) for each in u])))
-    if not path.converged.all():
-        lost = float(u[int(np.argmin(path.converged[0]))])
-        raise ConvergenceError(
-            f"no stable pose at {config.channel} = {lost:g} {config.driven.unit}; "
-            "give the channel a smaller range"
-        )
-    seen = observe(stack_systems([system]), path.q)
-    images = picture(system, {name: axis[0] for name, axis in seen.axes.items()})
+    path = simulate_path(system, config.commands(u))
     return Calibrated(
         estimator,
-        estimated=estimator.read(images).forces.astype(float),
-        true=np.asarray(seen.readings[0], dtype=float)[:, system.schema.output_indices()],
-        joined=~np.asarray(path.snapped[0])[1:],
+        estimated=estimator.read(picture(system, path.observation.axes)).forces.astype(float),
+        true=np.asarray(path.observation.readings)[:, system.schema.output_indices()],
+        joined=~np.asarray(path.equilibria.snapped)[1:],
     )

@@ -118,7 +118,7 @@ class OnnxEstimator:
         self, images: np.ndarray, levels: Sequence[float], inputs: ModelInputs = IMAGE_ONLY
     ) -> dict[float, Reading]:
         """The same with the intervals of several levels, for the work of one: level → reading."""
-        card, size = self.card, self.card.image_size
+        card, size = self.card, self.card.schema.image_size
         if images.dtype != np.uint8 or images.ndim != 3 or images.shape[1:] != size:
             raise InputError(
                 f"images: this estimator needs uint8 (frames, {size[0]}, {size[1]}), got {images.dtype} "

@@ -19,7 +19,7 @@ class FrameHistory:
 
     card   of the network: its inputs
 
-    Raises InputError if the card asks for earlier images and does not tell how far apart.
+    Raises InputError if the card asks for earlier images and does not say how far apart.
     """
 
     def __init__(self, card: ModelCard) -> None:
@@ -32,7 +32,7 @@ class FrameHistory:
                 self._apart = 0.9 * float(card.data[HISTORY_SPACING])
             except (KeyError, ValueError) as error:
                 raise InputError(
-                    f"model: its data do not tell how far its history images lie apart ({HISTORY_SPACING}); "
+                    f"model: its data do not say how far its history images lie apart ({HISTORY_SPACING}); "
                     "train it with exosight train"
                 ) from error
 

@@ -1,12 +1,12 @@
-"""What a controller may trust, and what it does when it may not: a state machine between camera and actuator.
+"""Which frames a controller acts on, and what it does without: a state machine between camera and actuator.
 
     state     u                                       left when
-    NORMAL    as the law asks                         in doubt → SLOW; 2 bad frames in a row → HOLD
-    SLOW      unloads as asked, loads at a quarter    5 sure frames in a row → NORMAL; 2 bad → HOLD
+    NORMAL    as the law asks                         uncertain → SLOW; 2 bad frames in a row → HOLD
+    SLOW      unloads as asked, loads at a quarter    5 reliable frames in a row → NORMAL; 2 bad → HOLD
               of the law's step
     HOLD      stays                                   5 good frames in a row → SLOW; after 5 steps, 2 bad
                                                       frames in a row → RELEASE
-    RELEASE   → 0 at the full rate, blindly           at u = 0, after 5 good frames in a row → SLOW
+    RELEASE   → 0 at the full rate, open loop          at u = 0, after 5 good frames in a row → SLOW
 
 From every other state an output beyond its limit by a quarter leads to RELEASE, and so does a bad frame while
 the target is 0. Good frames are counted from the moment the state is entered. The numbers are those of
@@ -26,7 +26,6 @@ from pydantic.dataclasses import dataclass as configuration
 
 from exosight.control.estimator import Reading
 from exosight.control.paths import ControllerConfig, limited
-from exosight.control.plant import channel_index
 from exosight.control.scheduled import RELEASED, Scheduled
 from exosight.errors import InputError
 
@@ -47,21 +46,21 @@ class State(Enum):
 
 @configuration(frozen=True, config=ConfigDict(extra="forbid"))
 class GuardConfig:
-    """When a frame is bad, when it is doubtful, and how long each state lasts."""
+    """When a frame is bad or its estimate uncertain, and how long each state lasts."""
 
-    doubtful_ood_score: Annotated[float, Field(gt=0, le=1)] = 0.8
-    """OOD score from which on an estimate is doubtful; above 1 the frame is bad [-]"""
-    doubtful_width: Annotated[float, Field(gt=0)] = 0.3
-    """width of the interval of the controlled sensor from which on an estimate is doubtful [its unit]"""
-    oldest: Annotated[float, Field(gt=0)] = 0.5
+    uncertain_ood_score: Annotated[float, Field(gt=0, le=1)] = 0.8
+    """OOD score from which on an estimate is uncertain; above 1 the frame is bad [-]"""
+    uncertain_width: Annotated[float, Field(gt=0)] = 0.3
+    """width of the interval of the controlled sensor from which on an estimate is uncertain [its unit]"""
+    max_age: Annotated[float, Field(gt=0)] = 0.5
     """age above which a frame is stale [s]"""
-    least_contrast: Annotated[int, Field(ge=1, le=255)] = 10
+    min_contrast: Annotated[int, Field(ge=1, le=255)] = 10
     """brightest − darkest gray value below which a frame is black or blank"""
-    frozen_move: Annotated[float, Field(gt=0)] = 0.025
+    frozen_command_change: Annotated[float, Field(gt=0)] = 0.025
     """change of u, as a share of the channel's peak, under which a frame that stays the same is frozen [-]"""
     frozen_frames: Annotated[int, Field(ge=0, le=1000)] = 0
     """same frames in a row that are frozen whatever u does; 0 for a camera without noise"""
-    astray: Annotated[float, Field(gt=0)] = 0.025
+    max_command_error: Annotated[float, Field(gt=0)] = 0.025
     """difference of the plant's u from the one asked for, as a share of the channel's peak, from which on it
     does not follow [-]"""
     overload: Annotated[float, Field(ge=1)] = 1.25
@@ -73,17 +72,17 @@ class GuardConfig:
     good_frames: Count = 5
     """good frames in a row that lead out of HOLD, RELEASE and SLOW"""
     limit_steps: Count = 20
-    """steps in a row at the largest u and yet below the target that are doubtful"""
+    """steps in a row at the largest u and yet below the target that are uncertain"""
     slow: Annotated[float, Field(gt=0, le=1)] = 0.25
     """share of the law's step that SLOW lets load"""
 
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What is known of the plant in one step; all of it may be missing or wrong.
+    """What was measured in one step; all of it may be missing or wrong.
 
     image    (height, width)  gray 0…255; None: no frame came
-    reading  what the estimator read off it, one row; None: it answered nothing
+    reading  what the estimator read off it, one row; None: there is no estimate
     age      of the frame [s]
     commands (channels,)  that the plant reports with the frame [each in its unit]; None: it reports none
     """
@@ -119,8 +118,8 @@ class Transition:
 class Guarded:
     """A law behind its guard: `step` answers any measurement with a u within amplitude and rate limits.
 
-    law     what drives while all is well
-    guard   what is trusted
+    law     of control in the states NORMAL and SLOW
+    guard   its settings
     log     every change of state since the reset
     """
 
@@ -130,7 +129,7 @@ class Guarded:
     log: list[Transition] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
-        self._channel = channel_index(self.config.schema, self.config.channel)
+        self._channel = self.config.schema.channel_index(self.config.channel)
         self.reset()
 
     @property
@@ -145,10 +144,10 @@ class Guarded:
         return float(steps) * self.config.period
 
     def reset(self) -> None:
-        """Forget everything: the plant stands at u = 0."""
+        """Return to the initial state, at u = 0."""
         self.law.reset()
         self.state, self.log = State.NORMAL, []
-        self._steps = self._bad = self._good = self._sure = self._inside = self._at_limit = self._same = 0
+        self._steps = self._bad = self._good = self._reliable = self._inside = self._at_limit = self._same = 0
         self._past: deque[float] = deque([0.0], maxlen=_HISTORY)
         self._frame: np.ndarray | None = None
         self._frame_u = 0.0
@@ -169,11 +168,11 @@ class Guarded:
         outputs = (
             None if fault or measurement.reading is None else measurement.reading.forces[0].astype(float)
         )
-        doubt = fault or self._doubt(measurement, goal, outputs)
+        uncertain = fault or self._uncertainty(measurement, goal, outputs)
         self._bad = self._bad + 1 if fault else 0
         self._good = 0 if fault else self._good + 1
-        self._sure = 0 if doubt else self._sure + 1
-        self._change(goal < RELEASED, fault, doubt, outputs)
+        self._reliable = 0 if uncertain else self._reliable + 1
+        self._change(goal < RELEASED, fault, uncertain, outputs)
         u = self._past[-1]
         if self.state is State.RELEASE:
             wanted = 0.0
@@ -181,11 +180,11 @@ class Guarded:
             wanted = u
         else:
             reported = self._reported(measurement)
-            at = self._then(measurement.age) if reported is None else reported
+            at = self._command_at(measurement.age) if reported is None else reported
             wanted = self.law.next(target, self.config.sum(outputs), outputs, at)
             if self.state is State.SLOW and wanted > max(u, 0.0):
                 wanted = u + self.guard.slow * (wanted - u)
-        # Said once more: whatever happens above, this is all that the plant is ever given.
+        # Whatever happens above, the limits hold.
         u = limited(self.config, u, wanted)
         self.law.track(u)
         self._past.append(u)
@@ -195,27 +194,27 @@ class Guarded:
         """The command of the driven channel as the plant reports it."""
         return None if measurement.commands is None else float(measurement.commands[self._channel])
 
-    def _then(self, age: float) -> float:
-        """The command of so long ago."""
+    def _command_at(self, age: float) -> float:
+        """The command of that long ago."""
         back = min(round(age / self.config.period), len(self._past) - 1)
         return self._past[-1 - back]
 
     def _fault(self, measurement: Measurement) -> str:
-        """Why this frame must not be acted on; empty if it may."""
+        """Why this frame is bad; empty if it is not."""
         guard, image, reading = self.guard, measurement.image, measurement.reading
         if image is None or image.size == 0:
             return "no frame"
-        if not 0 <= measurement.age <= guard.oldest:
+        if not 0 <= measurement.age <= guard.max_age:
             return f"a stale frame, {measurement.age:.2f} s old"
-        if int(image.max()) - int(image.min()) < guard.least_contrast:
+        if int(image.max()) - int(image.min()) < guard.min_contrast:
             return "a black or blank frame"
-        if self._is_frozen(image, self._then(measurement.age)):
-            return "a frozen frame, the same bit by bit"
-        driven, then = self.config.driven, self._then(measurement.age)
+        if self._is_frozen(image, self._command_at(measurement.age)):
+            return "a frozen frame, identical to the last"
+        driven, then = self.config.driven, self._command_at(measurement.age)
         reported = self._reported(measurement)
-        if reported is not None and not abs(reported - then) <= guard.astray * driven.peak:
+        if reported is not None and not abs(reported - then) <= guard.max_command_error * driven.peak:
             at = f"{driven.name} = {reported:.2f} {driven.unit}"
-            return f"the plant stands at {at}, not where it was told to"
+            return f"the plant reports {at}, not the command that was sent"
         if reading is None:
             return "no estimate"
         rows = np.concatenate([reading.forces, reading.low, reading.high])
@@ -223,7 +222,7 @@ class Guarded:
             return "an estimate of another shape"
         # NaN fails in each of these.
         if not (np.abs(rows) <= _LARGEST).all() or not (rows[1] <= rows[2]).all():
-            return "an estimate that is no reading"
+            return "an estimate that is no valid reading"
         if not reading.ood_score[0] <= 1:
             return f"an out-of-distribution image, score {reading.ood_score[0]:.2f}"
         return ""
@@ -234,11 +233,11 @@ class Guarded:
             self._frame, self._frame_u, self._same = image.copy(), then, 0
             return False
         self._same += 1
-        moved = abs(then - self._frame_u) >= self.guard.frozen_move * self.config.driven.peak
+        moved = abs(then - self._frame_u) >= self.guard.frozen_command_change * self.config.driven.peak
         return moved or 0 < self.guard.frozen_frames <= self._same
 
-    def _doubt(self, measurement: Measurement, target: float, outputs: np.ndarray | None) -> str:
-        """Why this frame is acted on with care only; empty if it is trusted."""
+    def _uncertainty(self, measurement: Measurement, target: float, outputs: np.ndarray | None) -> str:
+        """Why the estimate is uncertain; empty if it is reliable."""
         if outputs is None or measurement.reading is None:
             return "no estimate"
         short = self.config.sum(outputs) < target and self._past[-1] >= self.config.u_max
@@ -246,16 +245,16 @@ class Guarded:
         reading, config = measurement.reading, self.config
         width = float(((reading.high - reading.low)[0] * config.weights.astype(np.float32)).sum())
         ood_score = float(reading.ood_score[0])
-        if width >= self.guard.doubtful_width:
-            return f"an estimate that may be {width:.2f} {config.controlled.unit} off"
-        if ood_score >= self.guard.doubtful_ood_score:
+        if width >= self.guard.uncertain_width:
+            return f"an uncertain estimate, an interval of {width:.2f} {config.controlled.unit}"
+        if ood_score >= self.guard.uncertain_ood_score:
             return f"an image close to out of distribution, score {ood_score:.2f}"
         if self._at_limit >= self.guard.limit_steps:
             largest = f"{config.driven.name}, {config.u_max:.2f} {config.driven.unit}"
             return f"the target is not reached at the largest {largest}"
         return ""
 
-    def _change(self, releasing: bool, fault: str, doubt: str, outputs: np.ndarray | None) -> None:
+    def _change(self, releasing: bool, fault: str, uncertain: str, outputs: np.ndarray | None) -> None:
         guard, state, at_rest = self.guard, self.state, self._past[-1] == 0
         if state is not State.RELEASE:
             limits = self.config.output_limits
@@ -269,10 +268,10 @@ class Guarded:
         if state in (State.NORMAL, State.SLOW):
             if self._bad >= guard.bad_frames:
                 self._go(State.HOLD, fault)
-            elif state is State.NORMAL and doubt and not fault:
-                self._go(State.SLOW, doubt)
-            elif state is State.SLOW and self._sure >= guard.good_frames:
-                self._go(State.NORMAL, f"{self._sure} sure frames in a row")
+            elif state is State.NORMAL and uncertain and not fault:
+                self._go(State.SLOW, uncertain)
+            elif state is State.SLOW and self._reliable >= guard.good_frames:
+                self._go(State.NORMAL, f"{self._reliable} reliable frames in a row")
         elif state is State.HOLD and self._bad >= guard.bad_frames and self._inside > guard.hold_steps:
             self._go(State.RELEASE, f"{fault}, after {self._inside - 1} steps of holding")
         elif self._good >= guard.good_frames and (state is State.HOLD or at_rest):
@@ -280,4 +279,4 @@ class Guarded:
 
     def _go(self, state: State, cause: str) -> None:
         self.log.append(Transition(self._steps, self.state, state, cause))
-        self.state, self._bad, self._good, self._sure, self._inside = state, 0, 0, 0, 0
+        self.state, self._bad, self._good, self._reliable, self._inside = state, 0, 0, 0, 0

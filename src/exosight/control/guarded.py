@@ -1,4 +1,4 @@
-"""The loop with a guard in it, and the eyes that it needs."""
+"""The loop with a guard in it, and the measurements that it needs."""
 
 from collections.abc import Callable
 
@@ -13,11 +13,11 @@ from exosight.errors import InputError
 from exosight.system.schema import difference
 
 Sense = Callable[[Observation], Measurement]
-"""What the guard is shown of an observation; wrap it to delay, drop or spoil frames."""
+"""The measurement that the guard gets of an observation; wrap it to delay, drop or corrupt frames."""
 
 
 def measurement_from(estimator: Reader) -> Sense:
-    """Picture, estimate, interval and score; a network that answers no number has answered nothing."""
+    """Picture, estimate, interval and score; None for an estimate that is not finite."""
 
     def sense(observation: Observation) -> Measurement:
         reading = read_one(estimator.read, observation.image)
@@ -27,8 +27,8 @@ def measurement_from(estimator: Reader) -> Sense:
 
 
 def true_measurement(observation: Observation) -> Measurement:
-    """The picture with what the simulation knows of the estimated sensors: a perfect estimator, sure of
-    itself."""
+    """The picture with the true readings of the estimated sensors: intervals of no
+    width."""
     outputs = observation.outputs[None].astype(np.float32)
     pressing = (outputs > 0).astype(np.float32)
     score = np.zeros(1, np.float32)
@@ -37,7 +37,7 @@ def true_measurement(observation: Observation) -> Measurement:
 
 
 def run_guarded(plant: Plant, guarded: Guarded, sense: Sense, target: Float[np.ndarray, " steps"]) -> Record:
-    """Reset plant and controller, then follow the target, as `run` does; `guarded.log` tells what happened.
+    """Reset plant and controller, then follow the target, as `run` does; `guarded.log` lists its states.
 
     `estimated` of the record is NaN where no estimate came.
 

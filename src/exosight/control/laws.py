@@ -13,10 +13,10 @@ from exosight.system.schema import Channel
 
 @runtime_checkable
 class Law(Protocol):
-    """A feedback law; what it remembers between steps is its own affair."""
+    """A feedback law; it may have a state of its own."""
 
     def reset(self) -> None:
-        """Forget everything: the plant stands at u = 0."""
+        """Return to the initial state, at u = 0."""
         ...
 
     def next(self, target: float, measured: float) -> float:

@@ -1,4 +1,4 @@
-"""The closed loop: measure the force, ask the law, actuate the plant, step after step."""
+"""The closed loop: measure the force, evaluate the law, actuate the plant, step after step."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, UInt8
 from exosight.control.estimator import Estimator, OnnxEstimator
 from exosight.control.frame_history import FrameHistory
 from exosight.control.laws import Law
-from exosight.control.plant import Observation, Plant, channel_index
+from exosight.control.plant import Observation, Plant
 from exosight.errors import InputError
 from exosight.system.schema import Channel, Schema, SensorSpec
 
@@ -17,14 +17,14 @@ RATE = 10.0
 """Steps of the loop a second [Hz]; not printed in the paper."""
 
 Measure = Callable[[Observation], float]
-"""What the law is told about an observation: one sensor [its unit], from the image or, for comparison, the
-true reading."""
+"""The measurement that the law gets of an observation: one sensor [its unit], from the image or, for
+comparison, the true reading."""
 
 
 def from_image(estimator: Estimator, schema: Schema, sensor: str | None = None) -> Measure:
     """A sensor as an estimator reads it from the image: a sum of the estimator's outputs.
 
-    A network is shown earlier images and commands as well, if its card asks for them.
+    A network has earlier images and commands as inputs as well, if its card says so.
 
     schema   of the plant
     sensor   by default the one that the schema controls
@@ -47,7 +47,7 @@ def from_image(estimator: Estimator, schema: Schema, sensor: str | None = None) 
 
 
 def true_reading(sensor: str | None = None) -> Measure:
-    """A sensor as the simulation knows it: closes the loop on a perfect one, and needs no trained network.
+    """The true reading of a sensor: closes the loop on a perfect one, and needs no trained network.
 
     sensor   by default the one that the plant's schema controls
     """
@@ -67,7 +67,7 @@ class Record:
     time        (steps,)                 [s]
     target      (steps,)                 of the sensor [its unit]
     true        (steps,)                 what the sensor reads on the plant [its unit]
-    estimated   (steps,)                 what the law was told [its unit]: the same, if `measure` is true
+    estimated   (steps,)                 measurement that the law got [its unit]
     command     (steps,)                 u that the law asked for [the channel's unit]
     images      (steps, height, width)   what the camera saw, gray 0…255
     q           (steps, dofs)            coordinates of the poses (radians, dimensionless strains)
@@ -94,7 +94,7 @@ class Record:
     @property
     def driven(self) -> Channel:
         """The channel that was actuated."""
-        return self.schema.channels[channel_index(self.schema, self.channel)]
+        return self.schema.channel(self.channel)
 
     @property
     def error(self) -> Float[np.ndarray, " steps"]:
@@ -148,7 +148,7 @@ def run(
     if not 0 < rate < np.inf:
         raise InputError(f"rate: expected a finite number above 0 Hz, got {rate}")
     schema = plant.schema
-    place, sensor = channel_index(schema, channel), sensor or schema.controlled
+    driven, sensor = schema.channel(channel), sensor or schema.controlled
     schema.index(sensor)
     law.reset()
     seen = [plant.reset()]
@@ -156,14 +156,12 @@ def run(
     u = [0.0]
     for force in target[1:]:
         u.append(law.next(float(force), measured[-1]))
-        commands = np.zeros(len(schema.channels))
-        commands[place] = u[-1]
-        seen.append(plant.apply(commands))
+        seen.append(plant.apply(schema.commands(u[-1], channel)))
         measured.append(measure(seen[-1]))
     return Record(
         schema=schema,
         sensor=sensor,
-        channel=schema.channels[place].name,
+        channel=driven.name,
         time=np.arange(len(target)) / rate,
         target=target.astype(np.float64),
         true=np.array([o.reading(sensor) for o in seen]),

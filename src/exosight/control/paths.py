@@ -1,4 +1,4 @@
-"""What a controller knows of its plant: the paths of readings up and down, and the limits it keeps."""
+"""The model of its plant that a controller has: readings along the paths up and down, and limits."""
 
 import math
 from dataclasses import dataclass
@@ -7,7 +7,6 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from exosight.control.plant import channel_index
 from exosight.errors import InputError
 from exosight.system.schema import Channel, Schema, SensorSpec
 
@@ -78,7 +77,7 @@ class ForcePath:
 
 @dataclass(frozen=True, eq=False)
 class ControllerConfig:
-    """All that `Scheduled` knows of a plant; `exosight.control.tuning.tune` makes one.
+    """The model of a plant that `Scheduled` uses; `exosight.control.tuning.tune` makes one.
 
     schema         of the plant
     sensor         name of the sensor that is controlled; it follows from the estimated ones
@@ -107,7 +106,7 @@ class ControllerConfig:
     largest_gain: float
 
     def __post_init__(self) -> None:
-        channel_index(self.schema, self.channel)
+        self.schema.channel(self.channel)
         outputs = len(self.weights)
         if not outputs == self.loading.outputs.shape[1] == self.unloading.outputs.shape[1]:
             raise InputError(f"controller: expected paths of {outputs} outputs, as its schema has")
@@ -133,7 +132,7 @@ class ControllerConfig:
     @property
     def driven(self) -> Channel:
         """The channel that is driven."""
-        return self.schema.channels[channel_index(self.schema, self.channel)]
+        return self.schema.channel(self.channel)
 
     @property
     def controlled(self) -> SensorSpec:
@@ -174,11 +173,9 @@ class ControllerConfig:
         """The controlled sensor as it follows from the estimated ones [its unit]."""
         return float((outputs * self.weights).sum())
 
-    def commands(self, u: float) -> Float[np.ndarray, " channels"]:
+    def commands(self, u: float | Float[np.ndarray, "*batch"]) -> Float[np.ndarray, "*batch channels"]:
         """u on the driven channel, 0 on the others."""
-        commands = np.zeros(len(self.schema.channels))
-        commands[channel_index(self.schema, self.channel)] = u
-        return commands
+        return self.schema.commands(u, self.channel)
 
     def reachable(self, target: float) -> float:
         """The target [the sensor's unit], or the largest reading below it that the plant can rest at.

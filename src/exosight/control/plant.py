@@ -1,4 +1,4 @@
-"""The plant as a controller sees it: something to actuate and to look at."""
+"""The plant as a controller has it: commands in, observations out."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -6,13 +6,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from exosight.errors import InputError
-from exosight.system.schema import Channel, Schema
+from exosight.system.schema import Schema
 
 
 @dataclass(frozen=True)
 class Observation:
-    """A plant at rest under one command of each channel; a real plant answers NaN for what it cannot know.
+    """A plant at rest under one command of each channel; a real plant gives NaN for what it does not measure.
 
     schema          names and units of channels and sensors
     commands        (channels,)       of this very pose [each in its channel's unit]: the ones asked for,
@@ -46,7 +45,7 @@ class Observation:
 
 @runtime_checkable
 class Plant(Protocol):
-    """Something that can be actuated and looked at."""
+    """A system that is actuated and observed."""
 
     @property
     def schema(self) -> Schema:
@@ -63,31 +62,3 @@ class Plant(Protocol):
         Raises InputError for commands that are no numbers within the channels' ranges.
         """
         ...
-
-
-def channel_index(schema: Schema, name: str | None = None) -> int:
-    """Place of a channel, by default the first; InputError if there is none of this name."""
-    if name is None:
-        return 0
-    names = [channel.name for channel in schema.channels]
-    if name not in names:
-        raise InputError(f"channel: the system {schema.system} has no {name!r}; it has {', '.join(names)}")
-    return names.index(name)
-
-
-def check_commands(
-    channels: tuple[Channel, ...], commands: Float[np.ndarray, "*batch channels"]
-) -> Float[np.ndarray, "*batch channels"]:
-    """The commands as floats; InputError unless each is a number within its channel's range."""
-    values = np.asarray(commands, dtype=float)
-    if values.shape[-1:] != (len(channels),):
-        names = ", ".join(channel.name for channel in channels)
-        raise InputError(f"commands: expected one for each channel ({names}), got shape {values.shape}")
-    for channel, column in zip(channels, np.moveaxis(values, -1, 0), strict=True):
-        wrong = column[~((column >= channel.low) & (column <= channel.high))]  # NaN is caught here too
-        if wrong.size:
-            raise InputError(
-                f"command {channel.name}: expected a number within {channel.low:g}…{channel.high:g} "
-                f"{channel.unit}, got {wrong.flat[0]:g}"
-            )
-    return values

@@ -1,9 +1,9 @@
-"""The loop in real time: see, estimate, decide, act, at a fixed rate; however it ends, u goes back to 0.
+"""The loop in real time: acquire, estimate, control, actuate, at a fixed rate; at its end u returns to 0.
 
-see       the newest frame of a source; of a simulated plant, rendering
+acquire   the newest frame of a source; of a simulated plant, rendering
 estimate  the network
-decide    guard and law
-act       the actuator; of a simulated plant, solving
+control   guard and law
+actuate   the actuator; of a simulated plant, solving
 """
 
 import time
@@ -20,7 +20,7 @@ from exosight.control.paths import limited
 from exosight.control.sources import Frame, Source
 from exosight.errors import InputError
 
-STAGES = ("see", "estimate", "decide", "act")
+STAGES = ("acquire", "estimate", "control", "actuate")
 
 Read = Callable[[UInt8[np.ndarray, "frames height width"]], Reading]
 """What a network reads off pictures: `OnnxEstimator.read`."""
@@ -32,12 +32,12 @@ class Step:
 
     time     since the first step began [s]
     target   of the controlled sensor [its unit]
-    measurement  what the guard was shown
-    true     (outputs,)  true readings of the estimated sensors [each in its unit]; None: nobody knows
+    measurement  that the guard got
+    true     (outputs,)  true readings of the estimated sensors [each in its unit]; None: unknown
     command  that was asked for [the driven channel's unit]
     state    of the guard after it
     cause    of a change of state in this step; empty if there was none
-    seconds  (4,)  that see, estimate, decide and act took [s]
+    seconds  (4,)  that the STAGES took [s]
     late     how long after its time the step began [s]
     """
 

@@ -25,14 +25,18 @@ from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.realtime import STAGES, Step
 from exosight.control.scheduled import Scheduled
 from exosight.errors import DataError, InputError
+from exosight.files import check_format
 from exosight.system.schema import schema_from_dict, schema_to_dict
 
-FORMAT = "exosight recording 2"
-_FORMATS = "exosight recording "
+FORMAT = 3
+"""Version of recordings; a reader takes this one."""
+
+_FORMAT_PREFIX = "exosight recording "
 STATES = tuple(State)
 """A state is stored as its place in here."""
 
-_CAUSE = "S160"
+_CAUSE_LENGTH = 160  # bytes
+_CAUSE = f"S{_CAUSE_LENGTH}"
 _HEAD = 2**18  # bytes: more than the controller's paths take, or what HDF5 adds to a second of steps
 _GUARD = TypeAdapter(GuardConfig)
 _ARRAYS = ("u", "outputs", "controlled", "snapped")
@@ -47,12 +51,16 @@ class Column(NamedTuple):
     row       shape of a row
     unit      empty where it has none; where its row is one number a sensor, theirs, separated by commas
     meaning   in words
+    value     of a step; None where it has none
+    missing   is stored in the place of None
     """
 
     kind: str
     row: tuple[int, ...]
     unit: str
     meaning: str
+    value: Callable[[Step], Any]
+    missing: float = math.nan
 
 
 def columns(config: ControllerConfig) -> dict[str, Column]:
@@ -60,32 +68,45 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
     schema, sensor, channel = config.schema, config.controlled, config.driven
     outputs, units = (len(schema.estimated),), ", ".join(spec.unit for spec in schema.estimated)
     names = ", ".join(schema.outputs)
-    commands = (len(schema.channels),)
+    commands = (len(schema.channels),), ", ".join(each.unit for each in schema.channels)
+    states = ", ".join(f"{i} {state.value}" for i, state in enumerate(STATES))
+
+    def estimate(field: str, row: tuple[int, ...], unit: str, meaning: str) -> Column:
+        def value(step: Step) -> Any:
+            reading = step.measurement.reading
+            return None if reading is None else getattr(reading, field)[0]
+
+        return Column("f4", row, unit, meaning, value, 0.0)
+
     return {
-        "time": Column("f8", (), "s", "since the first step began"),
-        "target": Column("f8", (), sensor.unit, f"of {sensor.name}"),
-        "command": Column("f8", (), channel.unit, f"asked of {channel.name}"),
+        "time": Column("f8", (), "s", "since the first step began", lambda s: s.time),
+        "target": Column("f8", (), sensor.unit, f"of {sensor.name}", lambda s: s.target),
+        "command": Column("f8", (), channel.unit, f"asked of {channel.name}", lambda s: s.command),
         "reported": Column(
             "f8",
-            commands,
-            ", ".join(each.unit for each in schema.channels),
+            *commands,
             "commands that the plant reported with the frame; NaN: none",
+            lambda s: s.measurement.commands,
         ),
-        "age": Column("f8", (), "s", "of the frame when it was acted on"),
-        "seen": Column("?", (), "", "a frame came"),
-        "answered": Column("?", (), "", "the network answered"),
-        "estimated": Column("f4", outputs, units, f"estimates of {names}"),
-        "low": Column("f4", outputs, units, "lower ends of their intervals"),
-        "high": Column("f4", outputs, units, "upper ends"),
-        "contact": Column("f4", outputs, "-", "probabilities of contact"),
-        "ood_score": Column("f4", (), "-", "score of an out-of-distribution image; trusted up to 1"),
-        "true": Column("f8", outputs, units, f"true readings of {names}; NaN: nobody knows"),
-        "state": Column(
-            "i1", (), "", "of the guard: " + ", ".join(f"{i} {s.value}" for i, s in enumerate(STATES))
+        "age": Column("f8", (), "s", "of the frame when it was acted on", lambda s: s.measurement.age),
+        "has_frame": Column("?", (), "", "a frame came", lambda s: s.measurement.image is not None),
+        "has_estimate": Column(
+            "?", (), "", "the network gave finite estimates", lambda s: s.measurement.reading is not None
         ),
-        "cause": Column(_CAUSE, (), "", "of a change of state in this step"),
-        "seconds": Column("f8", (len(STAGES),), "s", "that these took: " + ", ".join(STAGES)),
-        "late": Column("f8", (), "s", "how long after its time the step began"),
+        "estimated": estimate("forces", outputs, units, f"estimates of {names}"),
+        "low": estimate("low", outputs, units, "lower ends of their intervals"),
+        "high": estimate("high", outputs, units, "upper ends"),
+        "contact": estimate("contact", outputs, "-", "probabilities of contact"),
+        "ood_score": estimate("ood_score", (), "-", "score of an out-of-distribution image; trusted up to 1"),
+        "true": Column("f8", outputs, units, f"true readings of {names}; NaN: unknown", lambda s: s.true),
+        "state": Column("i1", (), "", f"of the guard: {states}", lambda s: STATES.index(s.state)),
+        "cause": Column(
+            _CAUSE, (), "", "of a change of state in this step", lambda s: s.cause.encode()[:_CAUSE_LENGTH]
+        ),
+        "seconds": Column(
+            "f8", (len(STAGES),), "s", f"that these took: {', '.join(STAGES)}", lambda s: s.seconds
+        ),
+        "late": Column("f8", (), "s", "how long after its time the step began", lambda s: s.late),
     }
 
 
@@ -107,8 +128,8 @@ class Recording:
     command: Float[np.ndarray, " steps"]
     reported: Float[np.ndarray, "steps channels"]
     age: Float[np.ndarray, " steps"]
-    seen: Bool[np.ndarray, " steps"]
-    answered: Bool[np.ndarray, " steps"]
+    has_frame: Bool[np.ndarray, " steps"]
+    has_estimate: Bool[np.ndarray, " steps"]
     estimated: Float32[np.ndarray, "steps outputs"]
     low: Float32[np.ndarray, "steps outputs"]
     high: Float32[np.ndarray, "steps outputs"]
@@ -137,7 +158,7 @@ class Recorder:
 
     def __init__(self, path: Path, shape: tuple[int, int], guarded: Guarded, model: Path) -> None:
         self._path, self._shape, self._rows = path, shape, []
-        self._columns, self._controller = columns(guarded.config), guarded.config
+        self._columns = columns(guarded.config)
         self._block = max(1, round(1 / guarded.config.period))
         with _told(path):
             try:
@@ -155,7 +176,12 @@ class Recorder:
 
         Raises DataError if they cannot be, for instance because the disk is full.
         """
-        self._rows.append(_row(step, self._shape, self._controller))
+        image = step.measurement.image
+        row: dict[str, Any] = {"images": np.zeros(self._shape, np.uint8) if image is None else image}
+        for name, column in self._columns.items():
+            value = column.value(step)
+            row[name] = np.full(column.row, column.missing) if value is None else value
+        self._rows.append(row)
         if len(self._rows) >= self._block:
             self._write()
 
@@ -205,7 +231,9 @@ def read_recording(path: Path) -> Recording:
     """A recording in memory; DataError if the file is missing, damaged or of another kind."""
     try:
         with h5py.File(path, "r") as file:
-            _check_format(path, file.attrs.get("format"))
+            version = str(file.attrs.get("format")).removeprefix(_FORMAT_PREFIX)
+            found = int(version) if version.isdecimal() else None
+            check_format(path, "recording", found, FORMAT, "record the run again with exosight live --record")
             controller, guard = _controller(file)
             wanted = columns(controller)
             values = {name: _column(file, name, wanted.get(name)) for name in ("images", *wanted)}
@@ -221,18 +249,6 @@ def read_recording(path: Path) -> Recording:
     if steps == 0:
         raise DataError(f"{path}: holds no step; it was stopped within its first second")
     return Recording(*head, **{name: column[:steps] for name, column in values.items()})
-
-
-def _check_format(path: Path, found: Any) -> None:
-    """DataError unless a file is a recording of this format, for an older one with what to do about it."""
-    if found == FORMAT:
-        return
-    if isinstance(found, str) and found.startswith(_FORMATS):
-        raise DataError(
-            f"{path}: expected the format {FORMAT!r}, got {found!r}; record the run again with exosight live "
-            "--record, or read it with the version of exosight that made it"
-        )
-    raise DataError(f"{path}: not a recording of exosight; expected a file that it recorded")
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +278,7 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
     command = np.zeros(len(recording))
     for i in range(len(recording)):
         measurement = Measurement()
-        if recording.seen[i]:
+        if recording.has_frame[i]:
             reading = read_one(read, recording.images[i])
             if reading is not None:
                 estimated[i] = reading.forces[0]
@@ -279,18 +295,19 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
 
 
 def checksum(model: Path) -> str:
-    """SHA-256 of a network's file, by which a recording knows it."""
+    """SHA-256 of a network's file, by which a recording names it."""
     return hashlib.sha256(model.read_bytes()).hexdigest()
 
 
 def _write_head(file: h5py.File, guarded: Guarded, model: Path, shape: tuple[int, int], block: int) -> None:
-    file.attrs["format"] = FORMAT
+    file.attrs["format"] = f"{_FORMAT_PREFIX}{FORMAT}"
     file.attrs["exosight_version"] = __version__
     file.attrs["model"] = checksum(model)
     file.attrs["guard"] = json.dumps(_GUARD.dump_python(guarded.guard))
-    for name, (kind, row, unit, meaning) in columns(guarded.config).items():
-        data = file.create_dataset(name, (0, *row), kind, chunks=(block, *row), maxshape=(None, *row))
-        data.attrs["unit"], data.attrs["meaning"] = unit, meaning
+    for name, column in columns(guarded.config).items():
+        row = column.row
+        data = file.create_dataset(name, (0, *row), column.kind, chunks=(block, *row), maxshape=(None, *row))
+        data.attrs["unit"], data.attrs["meaning"] = column.unit, column.meaning
     file.create_dataset(
         "images", (0, *shape), "u1", chunks=(1, *shape), maxshape=(None, *shape), compression=1
     )
@@ -340,30 +357,3 @@ def _column(file: h5py.File, name: str, wanted: Column | None) -> np.ndarray:
     elif data.dtype != np.uint8 or data.ndim != 3:
         raise ValueError(f"{name} expects uint8 pictures, got {data.dtype} {data.shape}")
     return data[()]
-
-
-def _row(step: Step, shape: tuple[int, int], config: ControllerConfig) -> dict[str, Any]:
-    measurement, reading = step.measurement, step.measurement.reading
-    outputs = len(config.schema.estimated)
-    nothing, unknown = np.zeros(outputs, np.float32), np.full(outputs, np.nan)
-    unreported = np.full(len(config.schema.channels), np.nan)
-    return {
-        "images": np.zeros(shape, np.uint8) if measurement.image is None else measurement.image,
-        "time": step.time,
-        "target": step.target,
-        "command": step.command,
-        "reported": unreported if measurement.commands is None else measurement.commands,
-        "age": measurement.age,
-        "seen": measurement.image is not None,
-        "answered": reading is not None,
-        "estimated": nothing if reading is None else reading.forces[0],
-        "low": nothing if reading is None else reading.low[0],
-        "high": nothing if reading is None else reading.high[0],
-        "contact": nothing if reading is None else reading.contact[0],
-        "ood_score": 0.0 if reading is None else reading.ood_score[0],
-        "true": unknown if step.true is None else step.true,
-        "state": STATES.index(step.state),
-        "cause": step.cause.encode()[:160],
-        "seconds": step.seconds,
-        "late": step.late,
-    }

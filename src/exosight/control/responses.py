@@ -16,14 +16,14 @@ none; 2 % and 5 % are customary, and 2 % of its targets is less than a camera es
 
 @dataclass(frozen=True)
 class Response:
-    """One response to a target that is held and then perhaps released; see `judge_response`.
+    """One response to a target that is held and then perhaps released; see `measure_response`.
 
     "Late" is the last quarter of the steps for which the target is held (at least one).
     """
 
     settling_steps: float
     """Steps after which the force stays in the band while the target is held; NaN: it never settles, or too
-    late to tell from a swing, within the last quarter."""
+    late to distinguish it from an oscillation, within the last quarter."""
     overshoot: float
     """Largest reading above the target while it is held [the sensor's unit]; 0 if there is none."""
     overshoot_percent: float
@@ -31,7 +31,7 @@ class Response:
     steady_state_error: float
     """Target − mean of the late readings [the sensor's unit]."""
     ripple: float
-    """Largest − smallest late reading [the sensor's unit]: tells a loop that swings for ever from one that
+    """Largest − smallest late reading [the sensor's unit]: distinguishes a loop that oscillates from one that
     rests."""
     release_time: float
     """Time after the switch to 0 from which the force stays in the band around 0 [s]; NaN: it never
@@ -45,7 +45,7 @@ class Response:
     never in the band: the law has nothing left to give, and the pose does not answer."""
 
 
-def judge_response(
+def measure_response(
     time: Float[np.ndarray, " steps"],
     target: Float[np.ndarray, " steps"],
     force: Float[np.ndarray, " steps"],
@@ -105,7 +105,7 @@ def judge_response(
 def _stays_from(inside: Bool[np.ndarray, " steps"]) -> int | None:
     """The first index from which all are true; None unless that is so for the last quarter at least.
 
-    A loop that swings for ever is in the band now and then, also at the very end.
+    A loop that oscillates is in the band now and then, also at the very end.
     """
     outside = np.flatnonzero(~inside)
     first = int(outside[-1]) + 1 if len(outside) else 0

@@ -1,4 +1,4 @@
-"""A law that knows its plant: the next command from paths that were solved beforehand."""
+"""A gain-scheduled law: the next command from paths that were solved beforehand."""
 
 import math
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from exosight.errors import InputError
 RELEASED = 0.005
 """Below this reading [N or rad] nothing presses, and a target below it asks for release."""
 
-_HALVINGS = 4  # the least share of a step is 1/16: slow, yet not asleep if the user moves
+_HALVINGS = 4  # the least share of a step is 1/16: slow, but still able to follow a user who moves
 _PATIENCE = 10  # steps on one side of the target until the share doubles again
 
 
@@ -40,7 +40,7 @@ class Scheduled:
     up.
 
     An output above its limit unloads, whatever the target. A target below 0.005 releases: u → 0 at the full
-    rate, and if the pose at u ≤ 0 still presses, on to u_min until it lets go, then back to 0.
+    rate, and if the pose at u ≤ 0 still presses, on to u_min until it is released, then back to 0.
 
     A measurement that is no finite number leaves u as it is.
     """
@@ -171,7 +171,7 @@ class Scheduled:
         self._last, self._jumped = None, {}
 
     def _share(self, goal: float, measured: float, at: float) -> float:
-        """γ, and what the last step tells of jumps."""
+        """γ; the last step shows where jumps are."""
         band = TOLERANCE * goal
         if abs(goal - self._target) > band:
             self._aim(goal)

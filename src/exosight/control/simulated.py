@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from exosight.control.plant import Observation, check_commands
+from exosight.control.plant import Observation
 from exosight.errors import ConvergenceError
 from exosight.mechanics import Robot, State, advance, stack
 from exosight.system.observation import observe
@@ -70,7 +70,7 @@ class SimulatedPlant:
 
     def move(self, commands: Float[np.ndarray, " channels"]) -> None:
         """Change the commands without looking: `apply` is this and `look`."""
-        wanted = check_commands(self.schema.channels, commands)
+        wanted = self.schema.check_commands(commands)
         self._now, self._converged = self._walk(self._present(), tuple(wanted.tolist()))
 
     def look(self) -> Observation:

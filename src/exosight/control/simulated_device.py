@@ -29,4 +29,4 @@ class SimulatedDevice:
         self._plant.move(self._config.commands(u))
 
     def close(self) -> None:
-        """Do nothing: nobody wears it."""
+        """Do nothing: it is a simulation."""

@@ -20,13 +20,13 @@ from exosight.errors import DataError, InputError
 from exosight.vision.pictures import read_gray, resized
 
 GIVEN_UP = 5.0
-"""Time without a frame after which a camera is taken for lost [s]; the guard has let go long before."""
+"""Time without a frame after which a camera is given up [s]; the guard has released long before."""
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 """Names of picture files end so."""
 
 Crop = tuple[int, int, int]
-"""Left edge, upper edge and width [pixels] of the part of a camera's picture that the network is shown."""
+"""Left edge, upper edge and width [pixels] of the part of a camera's picture that the network gets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Frame:
     image     (height, width)  gray 0…255, as the network takes it
     time      when it was taken, on the clock of the loop [s]
     commands  (channels,)  that the plant reports with it [each in its channel's unit]; None: it reports none
-    outputs   (outputs,)   true readings of the estimated sensors [each in its unit]; None: nobody knows
+    outputs   (outputs,)   true readings of the estimated sensors [each in its unit]; None: unknown
     """
 
     image: UInt8[np.ndarray, "height width"]
@@ -54,7 +54,7 @@ def open_source(name: str, width: int, height: int, crop: Crop | None = None) ->
     """The frames of a camera ("0", "1", …), a folder of pictures, or a video file.
 
     width, height  of the pictures that the network takes [pixels]
-    crop           the part of a camera's or video's picture that is shown to it; by default the largest in
+    crop           the part of a camera's or video's picture that it gets; by default the largest in
                    the middle
 
     Raises InputError if there is no such source, DataError if it cannot be read.
@@ -76,7 +76,7 @@ def pictures(folder: Path, width: int, height: int) -> FrameStream:
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
     if not files:
         raise DataError(f"{folder}: no pictures in it; expected files that end in {', '.join(PICTURES)}")
-    # A generator of its own: what is wrong with the folder is told at once, not at the first frame.
+    # A generator of its own: what is wrong with the folder is raised at once, not at the first frame.
     return (Frame(read_gray(path, width, height), time.monotonic()) for path in files)
 
 
@@ -84,7 +84,7 @@ def video(path: Path, width: int, height: int, crop: Crop | None = None) -> Fram
     """The frames of a video file, one each time, none left out; DataError if it cannot be read."""
     capture = _opened(str(path), f"{path}: not a video that can be read; give an MP4 or AVI file")
     shape = round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)), round(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-    check_crop(shape, width, height, crop)
+    _part(shape, width, height, crop)  # refuses a crop now, not at the first frame
     return _frames(capture, width, height, crop)
 
 
@@ -107,10 +107,12 @@ def camera(number: int, width: int, height: int, crop: Crop | None = None) -> Fr
 
     Raises DataError if there is no such camera, or if it gives no frame for 5 s.
     """
-    capture = _opened(number, f"camera {number}: cannot be opened; is it connected, and used by nobody else?")
+    capture = _opened(
+        number, f"camera {number}: cannot be opened; is it connected, and used by no other program?"
+    )
     shape = round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)), round(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
     try:
-        check_crop(shape, width, height, crop)
+        _part(shape, width, height, crop)
     except InputError:
         capture.release()
         raise
@@ -158,7 +160,7 @@ def _opened(what: str | int, complaint: str) -> Any:
     """An OpenCV capture; DataError with this complaint if there is nothing to capture."""
     log = cv2.utils.logging
     level = log.getLogLevel()
-    log.setLogLevel(log.LOG_LEVEL_SILENT)  # it would tell of every backend that it tries
+    log.setLogLevel(log.LOG_LEVEL_SILENT)  # it would report every backend that it tries
     try:
         capture = cv2.VideoCapture(what)
     finally:
@@ -182,13 +184,8 @@ def fitted(picture: np.ndarray, width: int, height: int, crop: Crop | None = Non
     return resized(gray, width, height)
 
 
-def check_crop(shape: tuple[int, int], width: int, height: int, crop: Crop | None) -> None:
-    """Raise InputError if the crop leaves a picture of shape (rows, columns)."""
-    _part(shape, width, height, crop)
-
-
 def _part(shape: tuple[int, ...], width: int, height: int, crop: Crop | None) -> tuple[int, int, int, int]:
-    """Left, top, columns and rows of what is shown to the network."""
+    """Left, top, columns and rows of what the network gets; InputError if that leaves the picture."""
     rows, columns = shape
     if crop is None:
         side = max(1, min(columns, rows * width // height))

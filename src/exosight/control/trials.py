@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from exosight.control.laws import Proportional
 from exosight.control.loop import RATE, Measure, Record, hold, hold_and_release, run
-from exosight.control.plant import Plant, channel_index
-from exosight.control.responses import Response, judge_response
+from exosight.control.plant import Plant
+from exosight.control.responses import Response, measure_response
 from exosight.exosuit.shapes import ExosuitShape, Linear
 
 CONTROL_SHAPE = ExosuitShape(Linear(r0=0.010, r1=0.005), length=0.095)
@@ -71,10 +71,10 @@ def run_trials(
 ) -> Iterator[Trial]:
     """Trials of the paper's law, each from rest, yielded as they finish; arguments as for `run`.
 
-    asked   targets of one value above 0, perhaps released, as `judge_response` takes them
+    asked   targets of one value above 0, perhaps released, as `measure_response` takes them
     """
-    driven = plant.schema.channels[channel_index(plant.schema, channel)]
+    driven = plant.schema.channel(channel)
     for gain, target in asked:
         record = run(plant, Proportional(gain, driven), measure, target, sensor, channel)
-        response = judge_response(record.time, record.target, record.true, record.command, record.driven)
+        response = measure_response(record.time, record.target, record.true, record.command, record.driven)
         yield Trial(gain, record, response)

@@ -1,27 +1,26 @@
-"""The controller's knowledge of one's own plant, from one path of its simulation up and down (needs JAX).
+"""The controller's model of one's own plant, from one path of its simulation up and down (needs JAX).
 
 1. Solve the system from rest up, in steps of 1/160 of the channel's peak, to the first command at which an
    estimated sensor reads more than it may. Before it, the controlled sensor reads most at u_max: beyond, more
    u would mean less.
-2. Solve from there down to u_min, below 0, where the pose must have let go.
-3. The controlled sensor on both is the schedule; its jumps are those that `drive` tells.
+2. Solve from there down to u_min, below 0, where the pose must be released.
+3. The controlled sensor on both is the schedule; its jumps are those that `drive` reports.
 4. Δu per change of the sensor is bounded by the slopes in contact: above by the flattest tenth of them, below
    by half of what the steepest tenth asks for.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig, ForcePath
-from exosight.control.plant import channel_index
 from exosight.control.scheduled import RELEASED
-from exosight.errors import ConvergenceError, InputError
-from exosight.mechanics import Equilibria, State, drive
-from exosight.system.observation import observe
+from exosight.errors import InputError
 from exosight.system.schema import Channel, Schema, SensorSpec
-from exosight.system.system import System, stack_systems
+from exosight.system.simulation import simulate_path
+from exosight.system.system import System
 
 CONTACT_LIMIT = 0.5
 """Largest reading of a contact force whose sensor has no limit of its own [N]."""
@@ -60,7 +59,7 @@ def tune(
     pull: float | None = None,
     period: float = 1 / RATE,
 ) -> ControllerConfig:
-    """What `Scheduled` needs to know of a system to drive one channel by one sensor.
+    """The model of a system by which `Scheduled` drives one channel by one sensor.
 
     sensor         that is controlled; by default the one that the schema names
     channel        that is driven, by default the first; the others rest at 0
@@ -75,53 +74,20 @@ def tune(
     at u_min; ConvergenceError if the path has no stable pose at some command.
     """
     schema = system.schema
-    place, sensor = channel_index(schema, channel), sensor or schema.controlled
-    driven, weights = schema.channels[place], schema.weights(sensor)
-    if driven.high <= 0 or driven.peak < 0:
-        raise InputError(
-            f"tune, channel {driven.name}: expected one that loads towards its upper end, got a peak of "
-            f"{driven.peak:g} {driven.unit}; turn its sign in the system's description"
-        )
+    driven, sensor = schema.channel(channel), sensor or schema.controlled
     rate = default_rate(driven) if rate is None else rate
     pull = min(0.25 * driven.peak, -driven.low) if pull is None else pull
-    for name, value in (
-        ("contact limit", contact_limit),
-        ("rate", rate),
-        ("period", period),
-    ):
-        if value is not None and not 0 < value < math.inf:
-            raise InputError(f"tune, {name}: expected a finite number above 0, got {value}")
-    if not 0 <= pull <= -driven.low:
-        raise InputError(f"tune, pull: expected 0…{-driven.low:g} {driven.unit}, got {pull}")
+    _check_numbers(driven, contact_limit, rate, pull, period)
     limits = default_limits(schema, contact_limit)
-    walk = _Walk(system, place, weights)
-    step = driven.peak / 160  # by at most so much a jump is passed
-    grid = np.linspace(0.0, driven.high, max(2, math.ceil(driven.high / step - 1e-9)) + 1)
-    up, found = walk.solve(grid, np.zeros(walk.robot.dofs))
-    over = (up.outputs > limits).any(axis=1)
-    allowed = int(np.argmax(over)) if over.any() else len(grid)
-    last = int(np.argmax(up.controlled[:allowed])) if allowed else 0
-    if last < 1 or up.controlled[last] < RELEASED:
-        end = "a sensor passes its limit" if over.any() else "its range ends"
-        raise InputError(
-            f"tune: {sensor} stays below {RELEASED:g} {schema.sensor(sensor).unit} while {driven.name} rises "
-            f"to {grid[max(allowed - 1, 0)]:g} {driven.unit}, where {end}; choose another sensor or channel, "
-            "or allow more"
-        )
-    loading = ForcePath(
-        up.u[: last + 1], up.outputs[: last + 1], up.controlled[: last + 1], up.snapped[: last + 1]
-    )
-    falling = grid[last:0:-1]
-    back = np.linspace(0.0, -pull, max(2, math.ceil(pull / step - 1e-9)) + 1) if pull else np.zeros(1)
-    unloading, _ = walk.solve(np.concatenate([falling, back]), np.asarray(found.q[0, last]))
+    loading, q = _loading(system, sensor, driven, limits)
+    falling = np.concatenate([loading.u[:0:-1], _grid(driven, -pull)])
+    unloading, _ = _force_path(system, sensor, driven, falling, q)
     if not unloading.controlled[-1] < RELEASED:
         raise InputError(
             f"tune: {sensor} is not released at {driven.name} = {-pull:g} {driven.unit}; "
             "allow it a larger pull"
         )
-    slopes = np.concatenate([(path.slopes * weights).sum(axis=1) for path in (loading, unloading)])
-    slopes = slopes[slopes * driven.peak > _FLAT]  # in contact, and not falling
-    flat, steep = np.quantile(slopes, [0.1, 0.9])
+    smallest, largest = _gain_bounds((loading, unloading), schema.weights(sensor), driven.peak)
     return ControllerConfig(
         schema=schema,
         sensor=sensor,
@@ -131,31 +97,65 @@ def tune(
         output_limits=limits,
         rate=rate,
         period=period,
-        smallest_gain=float(0.5 / steep),
-        largest_gain=float(1 / flat),
+        smallest_gain=smallest,
+        largest_gain=largest,
     )
 
 
-class _Walk:
-    """Paths of one channel's command, all others at 0."""
+def _check_numbers(
+    driven: Channel, contact_limit: float | None, rate: float, pull: float, period: float
+) -> None:
+    if driven.high <= 0 or driven.peak < 0:
+        raise InputError(
+            f"tune, channel {driven.name}: expected one that loads towards its upper end, got a peak of "
+            f"{driven.peak:g} {driven.unit}; turn its sign in the system's description"
+        )
+    for name, value in (("contact limit", contact_limit), ("rate", rate), ("period", period)):
+        if value is not None and not 0 < value < math.inf:
+            raise InputError(f"tune, {name}: expected a finite number above 0, got {value}")
+    if not 0 <= pull <= -driven.low:
+        raise InputError(f"tune, pull: expected 0…{-driven.low:g} {driven.unit}, got {pull}")
 
-    def __init__(self, system: System, place: int, weights: np.ndarray) -> None:
-        self.robot, self._system, self._stacked = system.robot, system, stack_systems([system])
-        self._place, self._weights = place, weights
 
-    def solve(self, u: np.ndarray, q: np.ndarray) -> tuple[ForcePath, Equilibria]:
-        """The path over these commands, from an equilibrium or the unstrained pose."""
-        schema = self._system.schema
-        commands = np.zeros((len(u), len(schema.channels)))
-        commands[:, self._place] = u
-        loads = self._system.loads(commands)
-        found = drive([self.robot], loads, state=State(q[None], loads[:1]))
-        if not found.converged.all():
-            driven = schema.channels[self._place]
-            lost = float(u[int(np.argmin(found.converged[0]))])
-            raise ConvergenceError(
-                f"no stable pose at {driven.name} = {lost:g} {driven.unit}; give the channel a smaller range"
-            )
-        readings = np.asarray(observe(self._stacked, found.q).readings[0], dtype=float)
-        outputs = readings[:, schema.output_indices()]
-        return ForcePath(u, outputs, (outputs * self._weights).sum(axis=1), np.array(found.snapped[0])), found
+def _loading(
+    system: System, sensor: str, driven: Channel, limits: np.ndarray
+) -> tuple[ForcePath, np.ndarray]:
+    """The path up to the largest reading of the sensor within the limits, and the coordinates at its end."""
+    rising = _grid(driven, driven.high)
+    up, q = _force_path(system, sensor, driven, rising)
+    over = (up.outputs > limits).any(axis=1)
+    allowed = int(np.argmax(over)) if over.any() else len(rising)
+    last = int(np.argmax(up.controlled[:allowed])) if allowed else 0
+    if last < 1 or up.controlled[last] < RELEASED:
+        end = "a sensor passes its limit" if over.any() else "its range ends"
+        raise InputError(
+            f"tune: {sensor} stays below {RELEASED:g} {system.schema.sensor(sensor).unit} while "
+            f"{driven.name} rises to {rising[max(allowed - 1, 0)]:g} {driven.unit}, where {end}; choose "
+            "another sensor or channel, or allow more"
+        )
+    part = (x[: last + 1] for x in (up.u, up.outputs, up.controlled, up.snapped))
+    return ForcePath(*part), q[last]
+
+
+def _gain_bounds(paths: Sequence[ForcePath], weights: np.ndarray, peak: float) -> tuple[float, float]:
+    """Smallest and largest Δu per change of the sensor."""
+    slopes = np.concatenate([(path.slopes * weights).sum(axis=1) for path in paths])
+    flat, steep = np.quantile(slopes[slopes * peak > _FLAT], [0.1, 0.9])  # in contact, and not falling
+    return float(0.5 / steep), float(1 / flat)
+
+
+def _grid(driven: Channel, end: float) -> np.ndarray:
+    """Commands from 0 to the end; by at most a step of them a jump is passed."""
+    steps = max(2, math.ceil(abs(end) / driven.peak * 160 - 1e-9))
+    return np.linspace(0.0, end, steps + 1) if end else np.zeros(1)
+
+
+def _force_path(
+    system: System, sensor: str, driven: Channel, u: np.ndarray, q: np.ndarray | None = None
+) -> tuple[ForcePath, np.ndarray]:
+    """The path over these commands, all others at 0, and its coordinates."""
+    schema = system.schema
+    _, found, seen = simulate_path(system, schema.commands(u, driven.name), q)
+    outputs = np.asarray(seen.readings)[:, schema.output_indices()]
+    controlled = (outputs * schema.weights(sensor)).sum(axis=1)
+    return ForcePath(u, outputs, controlled, np.array(found.snapped)), np.asarray(found.q)

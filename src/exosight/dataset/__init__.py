@@ -9,15 +9,7 @@ from exosight.dataset.manifest import (
     read_manifest,
     write_manifest,
 )
-from exosight.dataset.splits import (
-    PROTOCOLS,
-    Split,
-    make_split,
-    split_by_design,
-    split_by_family,
-    split_by_frame,
-    split_by_variation,
-)
+from exosight.dataset.splits import PROTOCOLS, Split, make_split
 from exosight.dataset.store import read_frames, read_sensors, read_variation, write_chunk
 
 __all__ = [
@@ -38,10 +30,6 @@ __all__ = [
     "read_manifest",
     "read_sensors",
     "read_variation",
-    "split_by_design",
-    "split_by_family",
-    "split_by_frame",
-    "split_by_variation",
     "take",
     "write_chunk",
     "write_manifest",

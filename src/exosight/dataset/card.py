@@ -52,7 +52,7 @@ def readme(manifest: Manifest, kept: dict[str, int]) -> str:
         rows=row_shapes(manifest.schema, manifest.dofs),
         kept=kept,
         asked=manifest.frames + sum(manifest.dropped.values()),
-        designs={manifest.scenarios[k]: count for k, count in _designs(manifest).items()},
+        designs=Counter(manifest.scenarios[design.scenario] for design in manifest.designs),
         path=_path(manifest),
         causes=_CAUSES,
         config=json.dumps(_config(manifest), indent=1),
@@ -84,20 +84,6 @@ def croissant(manifest: Manifest) -> dict[str, Any]:
         "encodingFormat": "application/x-hdf5",
         "includes": "chunk_*.h5",
     }
-    fields = []
-    for name, values in manifest.quantities.items():
-        size = " × ".join(str(n) for n in rows[name]) if name in rows else "one number"
-        fields.append(
-            {
-                "@type": "cr:Field",
-                "@id": f"frames/{name}",
-                "name": name,
-                "description": f"{values['meaning']} [{values['unit']}]; {values['type']}, {size} a frame",
-                "dataType": "sc:Float" if values["type"].startswith("float") else "sc:Integer",
-                "repeated": name in rows,
-                "source": {"fileSet": {"@id": "chunks"}, "extract": {"column": name}},
-            }
-        )
     return {
         "@context": _CONTEXT,
         "@type": "sc:Dataset",
@@ -118,9 +104,22 @@ def croissant(manifest: Manifest) -> dict[str, Any]:
                 "@id": "frames",
                 "name": "frames",
                 "description": "One record a frame: row k of every array of a chunk, chunk after chunk.",
-                "field": fields,
+                "field": [_field(name, values, rows) for name, values in manifest.quantities.items()],
             }
         ],
+    }
+
+
+def _field(name: str, values: dict[str, str], rows: dict[str, tuple[int, ...]]) -> dict[str, Any]:
+    size = " × ".join(map(str, rows[name])) if name in rows else "one number"
+    return {
+        "@type": "cr:Field",
+        "@id": f"frames/{name}",
+        "name": name,
+        "description": f"{values['meaning']} [{values['unit']}]; {values['type']}, {size} a frame",
+        "dataType": "sc:Float" if values["type"].startswith("float") else "sc:Integer",
+        "repeated": name in rows,
+        "source": {"fileSet": {"@id": "chunks"}, "extract": {"column": name}},
     }
 
 
@@ -136,11 +135,6 @@ def _name(manifest: Manifest) -> str:
 
 def _paper(manifest: Manifest) -> str:
     return PAPER if manifest.description is None else ""
-
-
-def _designs(manifest: Manifest) -> Counter[int]:
-    """Designs of each scenario."""
-    return Counter(design.scenario for design in manifest.designs)
 
 
 def _path(manifest: Manifest) -> str:

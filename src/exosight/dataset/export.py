@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -165,12 +165,8 @@ def _cell(value: Any) -> Any:
 
 def _flat(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """One column a number: `forces` becomes forces_0, forces_1 …"""
-
-    def parts() -> Iterator[tuple[str, np.ndarray]]:
-        for name, values in columns.items():
-            if values.ndim == 1:
-                yield name, values
-            else:
-                yield from ((f"{name}_{i}", column) for i, column in enumerate(values.T))
-
-    return dict(parts())
+    return {
+        name if values.ndim == 1 else f"{name}_{i}": column
+        for name, values in columns.items()
+        for i, column in enumerate([values] if values.ndim == 1 else values.T)
+    }

@@ -75,9 +75,8 @@ Columns = dict[str, Float64[np.ndarray, " frames"]]
 
 def row_shapes(schema: Schema, dofs: int) -> dict[str, tuple[int, ...]]:
     """Shape of one row of each array whose rows are more than a number."""
-    camera = schema.cameras[0]
     return {
-        "images": (camera.height, camera.width),
+        "images": schema.image_size,
         "sensors": (len(schema.sensors),),
         "commands": (len(schema.channels),),
         "pose": (dofs,),

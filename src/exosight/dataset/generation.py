@@ -6,6 +6,7 @@ This module needs JAX; reading a dataset, or `GenerateConfig`, does not.
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -152,8 +153,7 @@ def _job(config: GenerateConfig, begun: Path | None) -> GenerationJob:
     drawn = draw_designs(config, designs)
     _check_size(config, designs, len(drawn))
     shades_of(config, designs.build(drawn[0]))
-    view = designs.schema.cameras[0]
-    per_chunk = CHUNK_BYTES // (config.frames * view.height * view.width)
+    per_chunk = CHUNK_BYTES // (config.frames * prod(designs.schema.image_size))
     return GenerationJob(config, description, causes(designs), max(1, min(DESIGNS_PER_CHUNK, per_chunk)))
 
 
@@ -209,11 +209,11 @@ def _finish(
 
 
 def _check_size(config: GenerateConfig, designs: DesignSet, count: int) -> None:
-    view = designs.schema.cameras[0]
-    needed = count * config.frames * view.height * view.width
+    height, width = designs.schema.image_size
+    needed = count * config.frames * height * width
     if needed > LARGEST_FRAMES:
         raise InputError(
-            f"dataset: {count} designs with {config.frames} frames of {view.width}×{view.height} pixels "
+            f"dataset: {count} designs with {config.frames} frames of {width}×{height} pixels "
             f"take {needed / 2**30:.0f} GiB, and at most {LARGEST_FRAMES >> 30} GiB can be read; "
             "choose fewer designs or frames, or smaller images"
         )

@@ -1,7 +1,7 @@
 """The folder of a dataset while it is made: whose it is, who works on it, and which of its chunks are whole.
 
 job.json          what is to be made, from the start; another configuration or version is refused
-.lock             held by the process that works on the folder; the system lets go of it when that dies
+.lock             held by the process that works on the folder; the operating system frees it when that ends
 chunk_0000.h5     frames, written whole and renamed into place
 chunk_0000.json   the record of the chunk with its checksum, written after it
 """
@@ -13,7 +13,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -24,7 +24,7 @@ from exosight.dataset.manifest import FORMAT, JOB, ChunkEntry, Count
 from exosight.dataset.store import chunk_name
 from exosight.errors import DataError, InputError
 from exosight.files import replace_file, write_new_file
-from exosight.validation import CONFIG
+from exosight.validation import CONFIG, first_difference
 
 LOCK = ".lock"
 LARGEST_RECORD = 2**20  # [bytes]; a record takes under 1 KiB
@@ -76,7 +76,7 @@ _JOB, _RECORD = TypeAdapter(GenerationJob), TypeAdapter(ChunkRecord)
 
 
 def identity(job: GenerationJob) -> str:
-    """What tells one job from another: the checksum of all that decides what its chunks hold."""
+    """Identifies a job: the checksum of all that decides what its chunks hold."""
     return hashlib.sha256(_to_text(_JOB, job)).hexdigest()
 
 
@@ -184,24 +184,12 @@ def _check_same(path: Path, job: GenerationJob) -> None:
                 f"{found.get('format')!s:.20}, this is {__version__} with format {FORMAT}; go on with that "
                 "version, or name a new folder"
             )
-    difference = _difference(found, wanted)
-    if difference:
+    if difference := first_difference(found, wanted):
+        name, there, here = difference
         raise InputError(
-            f"{path.parent}: holds the dataset of another configuration ({difference}); give the same "
-            "options, or name a new folder"
+            f"{path.parent}: holds the dataset of another configuration ({name:.40} {there!s:.40} there, "
+            f"{here!s:.40} here); give the same options, or name a new folder"
         )
-
-
-def _difference(found: Any, wanted: Any, name: str = "") -> str | None:
-    """The first entry that differs, in words."""
-    if isinstance(found, dict) and isinstance(wanted, dict):
-        for key in sorted({*found, *wanted}):
-            missing = "nothing"
-            inner = _difference(found.get(key, missing), wanted.get(key, missing), key)
-            if inner:
-                return inner
-        return None
-    return None if found == wanted else f"{name:.40} {found!s:.40} there, {wanted!s:.40} here"
 
 
 def _is_ours(path: Path) -> bool:

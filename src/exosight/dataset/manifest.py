@@ -15,7 +15,7 @@ from pydantic.dataclasses import dataclass
 from exosight import __version__
 from exosight.dataset.frames import QUANTITIES
 from exosight.errors import DataError, InputError
-from exosight.files import write_new_file
+from exosight.files import check_format, write_new_file
 from exosight.system.camera import Camera
 from exosight.system.design import Design
 from exosight.system.schema import Schema
@@ -122,7 +122,7 @@ def new_manifest(**entries: Any) -> Manifest:
 
 
 def dataset_identity(manifest: Manifest) -> dict[str, Any]:
-    """What tells one dataset from another, as JSON values: what it was made from, and how many frames remain.
+    """Identifies a dataset, as JSON values: what it was made from, and how many frames remain.
 
     Not the checksums of its files: those change with the processor and the libraries that made them.
     """
@@ -181,17 +181,7 @@ def read_manifest(folder: Path) -> Manifest:
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path}: truncated or damaged, it is not JSON ({error})") from error
     found = values.get("format") if isinstance(values, dict) else None
-    if not isinstance(found, int) or isinstance(found, bool) or found < 1:
-        raise DataError(f"{path}: not the manifest of a dataset, it has no format number")
-    if found > FORMAT:
-        raise DataError(
-            f"{path}: format {found}, written by a newer exosight; this one reads format {FORMAT}: update it"
-        )
-    if found < FORMAT:
-        raise DataError(
-            f"{path}: format {found}, written by exosight {str(values.get('exosight_version'))[:20]}; this "
-            f"one reads format {FORMAT}: make it again, exosight generate with the options in its config"
-        )
+    check_format(path, "dataset", found, FORMAT, "generate it again with the options in its config")
     try:
         manifest = _ADAPTER.validate_json(content, strict=True)
     except ValidationError as error:

@@ -65,7 +65,7 @@ def to_matlab(frames: Frames) -> dict[str, np.ndarray]:
 def from_matlab(values: Mapping[str, Any], schema: Schema) -> Frames:
     """The frames of a system among what `read_mat` found, whoever wrote them.
 
-    MATLAB's numbers are double unless told otherwise: they are taken if they are the same in the type that
+    MATLAB's numbers are double by default: they are taken if they are the same in the type that
     `Frames` has (sensors and commands are rounded to float32).
 
     Raises InputError naming the first quantity that is missing, of another shape, or unfit for use.

@@ -53,7 +53,7 @@ def simulate_designs(
         parts.append(
             Frames(
                 schema=designs.schema,
-                images=depict(config, system, own, design, places),
+                images=render_design(config, system, own, design, places),
                 sensors=np.asarray(own.readings, np.float32),
                 commands=path.commands[path.frames][places].astype(np.float32),
                 pose=np.asarray(found.q[i, places], np.float64),
@@ -66,7 +66,7 @@ def simulate_designs(
     return concatenate(parts), {name: int(np.sum(cause == k)) for k, name in enumerate(names)}
 
 
-def depict(
+def render_design(
     config: GenerateConfig,
     system: System,
     seen: Observation,
@@ -106,7 +106,7 @@ def first_cause(
 ) -> Int8[np.ndarray, "designs frames"]:
     """Why each frame is dropped: index of the first of `causes` that holds, or their number if none does.
 
-    system   any of the observed ones: it tells which tubes are drawn along rods
+    system   any of the observed ones: for which tubes are drawn along rods
     """
     crosses = np.zeros_like(converged)
     for name in _along_rods(system):

@@ -9,7 +9,7 @@ variation  the test part is the fifth of the frames in which one thing that vari
            unseen stiffness, unseen cameras.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +17,7 @@ from jaxtyping import Bool, Int, Int32
 
 from exosight.dataset.frames import Columns, Frames
 from exosight.errors import InputError
+from exosight.validation import check_name
 
 PROTOCOLS = ("frame", "design", "family", "variation")
 
@@ -42,72 +43,6 @@ class Split:
     """By `variation`, the smallest value kept for testing."""
 
 
-def split_by_frame(frames: Frames, seed: int) -> Split:
-    """60/20/20 % of the frames at random.
-
-    Raises InputError for fewer than five frames.
-    """
-    total = len(frames)
-    if total < 5:
-        raise InputError(
-            f"split by frame: expected at least 5 frames, got {total}; generate a larger dataset"
-        )
-    order = np.random.default_rng(seed).permutation(total)
-    train, validation = round(0.6 * total), round(0.2 * total)
-    parts = np.split(order, [train, train + validation])
-    return Split(*(np.sort(part) for part in parts), protocol="frame", seed=seed)
-
-
-def split_by_design(frames: Frames, seed: int) -> Split:
-    """60/20/20 % of the designs, every scenario divided as evenly as possible.
-
-    Raises InputError for fewer than five designs.
-    """
-    parts = _divide_designs(frames.design, frames.scenario, (0.6, 0.2, 0.2), seed)
-    train, validation, test = (_frames_of(frames.design, part) for part in parts)
-    return Split(train, validation, test, protocol="design", seed=seed)
-
-
-def split_by_family(frames: Frames, seed: int, held_out: str, families: Sequence[str]) -> Split:
-    """Test on every frame of one family; divide the other designs 75/25 % into training and validation.
-
-    families   those of the dataset, in the order of its manifest
-
-    Raises InputError for an unknown family, one without frames, or fewer than four other designs.
-    """
-    if held_out not in families:
-        raise InputError(f"held-out family: expected one of {', '.join(families)}, got {held_out!r}")
-    out = frames.family == families.index(held_out)
-    if not out.any():
-        raise InputError(f"held-out family: the dataset has no frames of {held_out!r}; choose another family")
-    return Split(*_around(frames, out, seed), protocol="family", seed=seed, held_out=held_out)
-
-
-def split_by_variation(frames: Frames, seed: int, held_out: str, variation: Columns) -> Split:
-    """Test on the fifth of the frames in which something is largest; divide the others' designs 75/25 %.
-
-    held_out   its name, such as `plant.young` or `appearance.roll`
-    variation  what was drawn for each frame
-
-    Raises InputError for what does not vary in the dataset, hardly does, or leaves fewer than four designs.
-    """
-    if held_out not in _varying(variation):
-        raise InputError(
-            f"held-out variation: expected what varies in the dataset ({_listed(_varying(variation))}), got "
-            f"{held_out!r}; generate a dataset in which it varies"
-        )
-    values = variation[held_out]
-    edge = float(np.quantile(values, 1 - _HELD_OUT, method="higher"))
-    out = values >= edge
-    if out.mean() > 2 * _HELD_OUT:
-        raise InputError(
-            f"held-out variation: {held_out} has its largest value, {edge:g}, in {out.mean():.0%} of the "
-            "frames, which leaves too few to learn from; choose another"
-        )
-    parts = _around(frames, out, seed)
-    return Split(*parts, protocol="variation", seed=seed, held_out=held_out, edge=edge)
-
-
 def make_split(
     frames: Frames,
     protocol: str,
@@ -118,40 +53,59 @@ def make_split(
 ) -> Split:
     """Divide frames by one of PROTOCOLS.
 
-    held_out   what `family` or `variation` keeps for testing
+    held_out   by `family`, the name of the family that is kept for testing; by `variation`, of what varies,
+               such as `plant.young` or `appearance.roll`
     variation  what was drawn for each frame, for `variation`, as `read_variation` gives it
     families   the manifest's, for `family`
 
     Raises InputError for an unknown protocol, a missing or needless held_out, or too little to divide.
     """
-    if protocol not in PROTOCOLS:
-        raise InputError(f"split: expected one of {', '.join(PROTOCOLS)}, got {protocol!r}")
-    variation = variation or {}
+    check_name("split", protocol, PROTOCOLS)
     if protocol in ("frame", "design"):
         if held_out is not None:
             raise InputError(f"split by {protocol}: holds nothing out, got {held_out!r}")
-        return split_by_frame(frames, seed) if protocol == "frame" else split_by_design(frames, seed)
+        parts = _by_frame(len(frames), seed) if protocol == "frame" else _by_design(frames, seed)
+        return Split(*parts, protocol=protocol, seed=seed)
+    varying = [name for name, values in (variation or {}).items() if (values != values[:1]).any()]
+    known = list(families) if protocol == "family" else varying
     if held_out is None:
-        known = _listed(families if protocol == "family" else _varying(variation))
-        raise InputError(f"split by {protocol}: name what is held out ({known})")
+        raise InputError(
+            f"split by {protocol}: name what is held out ({', '.join(known) or 'nothing varies'})"
+        )
+    check_name(f"held-out {protocol}", held_out, known)
+    edge = None
     if protocol == "family":
-        return split_by_family(frames, seed, held_out, families)
-    return split_by_variation(frames, seed, held_out, variation)
+        out = frames.family == known.index(held_out)
+    else:
+        values = (variation or {})[held_out]
+        edge = float(np.quantile(values, 1 - _HELD_OUT, method="higher"))
+        out = values >= edge
+    if not 0 < out.mean() <= (1 if edge is None else 2 * _HELD_OUT):
+        raise InputError(
+            f"held-out {protocol}: {out.mean():.0%} of the frames have {held_out}"
+            f"{'' if edge is None else f' at its largest value, {edge:g}'}; choose another"
+        )
+    parts = _by_design(frames, seed, out)
+    return Split(*parts, protocol=protocol, seed=seed, held_out=held_out, edge=edge)
 
 
-def _varying(variation: Columns) -> list[str]:
-    return [name for name, values in variation.items() if (values != values[:1]).any()]
+def _by_frame(total: int, seed: int) -> list[Index]:
+    if total < 5:
+        raise InputError(
+            f"split by frame: expected at least 5 frames, got {total}; generate a larger dataset"
+        )
+    order = np.random.default_rng(seed).permutation(total)
+    train, validation = round(0.6 * total), round(0.2 * total)
+    return [np.sort(part) for part in np.split(order, [train, train + validation])]
 
 
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names) or "nothing does"
-
-
-def _around(frames: Frames, out: Bool[np.ndarray, " frames"], seed: int) -> tuple[Index, Index, Index]:
-    """Training, validation and test part: the last is what is held out, the others divide the rest."""
-    parts = _divide_designs(frames.design[~out], frames.scenario[~out], (0.75, 0.25), seed)
-    train, validation = (np.flatnonzero(np.isin(frames.design, part) & ~out) for part in parts)
-    return train, validation, np.flatnonzero(out)
+def _by_design(frames: Frames, seed: int, test: Bool[np.ndarray, " frames"] | None = None) -> list[Index]:
+    """60/20/20 % of the designs, or 75/25 % of those of the frames that are not for testing."""
+    out = np.zeros(len(frames), bool) if test is None else test
+    shares = (0.6, 0.2, 0.2) if test is None else (0.75, 0.25)
+    groups = _divide_designs(frames.design[~out], frames.scenario[~out], shares, seed)
+    parts = [np.flatnonzero(np.isin(frames.design, group) & ~out) for group in groups]
+    return parts if test is None else [*parts, np.flatnonzero(out)]
 
 
 def _divide_designs(
@@ -181,7 +135,3 @@ def _divide_designs(
         dealt[place] = np.argmax(np.round(np.array(shares) * (place + 1) - counts, 9))
         counts[dealt[place]] += 1
     return [line[dealt == part] for part in range(len(shares))]
-
-
-def _frames_of(design: Int32[np.ndarray, " frames"], designs: Index) -> Index:
-    return np.flatnonzero(np.isin(design, designs))

@@ -16,7 +16,7 @@ from collections.abc import Hashable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -36,22 +36,6 @@ PRIORITY = 5
 
 EMPTY_BLOCKS = 10
 """Blocks without a single frame to keep after which a stream gives up."""
-
-
-class _Failure(NamedTuple):
-    """What ended the simulating process."""
-
-    sentence: str
-
-
-class _Order(NamedTuple):
-    """What the simulating process makes."""
-
-    config: GenerateConfig
-    description: dict[str, Any] | None
-    per_scenario: int
-    exclude: tuple[Design, ...]
-    start: int
 
 
 @contextmanager
@@ -77,8 +61,8 @@ def stream(
     """
     context = multiprocessing.get_context("spawn")  # a forked process would share the threads' locks
     here, there = context.Pipe(duplex=False)
-    order = _Order(config, description, per_scenario, tuple(exclude), start)
-    process = context.Process(target=_produce, args=(there, order), daemon=True, name="exosight stream")
+    order = (config, description, per_scenario, tuple(exclude), start)
+    process = context.Process(target=_produce, args=(there, *order), daemon=True, name="exosight stream")
     process.start()
     there.close()  # the process has the only other end: if it dies, reading ends
     try:
@@ -106,36 +90,42 @@ def _received(connection: Connection) -> Iterator[Frames]:
             block = connection.recv()
         except EOFError:
             raise DataError("stream: its process was killed; enough memory for it?") from None
-        if isinstance(block, _Failure):
-            raise DataError(f"stream: {block.sentence}")
+        if isinstance(block, str):  # why the simulation failed
+            raise DataError(f"stream: {block}")
         yield block
 
 
-def _produce(connection: Connection, order: _Order) -> None:
+def _produce(connection: Connection, *order: Any) -> None:
     """Simulate block after block. Sending waits for the reader, so no more than one block is ahead of it."""
     os.nice(PRIORITY)
     with suppress(BrokenPipeError, KeyboardInterrupt):  # the reader has gone
         try:
-            for block in _simulated(order):
+            for block in _simulated(*order):
                 connection.send(block)
         except ExosightError as error:
-            connection.send(_Failure(str(error)))
+            connection.send(str(error))
         except BrokenPipeError:
             raise
         except Exception as error:
-            connection.send(_Failure(f"the simulation failed ({type(error).__name__}: {error})"))
+            connection.send(f"the simulation failed ({type(error).__name__}: {error})")
 
 
-def _simulated(order: _Order) -> Iterator[Frames]:
+def _simulated(
+    config: GenerateConfig,
+    description: dict[str, Any] | None,
+    per_scenario: int,
+    exclude: tuple[Design, ...],
+    start: int,
+) -> Iterator[Frames]:
     from exosight.dataset.designs import design_set
     from exosight.dataset.simulation import simulate_designs
 
-    designs = design_set(order.config, order.description)
-    excluded = {designs.key(design) for design in order.exclude}
-    number, empty = order.start, 0
+    designs = design_set(config, description)
+    excluded = {designs.key(design) for design in exclude}
+    number, empty = start, 0
     while empty < EMPTY_BLOCKS:
-        chosen = block_designs(designs, order.config.seed, order.per_scenario, number, excluded)
-        frames = simulate_designs(order.config, designs, chosen)[0] if chosen else ()
+        chosen = block_designs(designs, config.seed, per_scenario, number, excluded)
+        frames = simulate_designs(config, designs, chosen)[0] if chosen else ()
         empty = 0 if len(frames) else empty + 1
         if isinstance(frames, Frames) and len(frames):
             yield frames

@@ -10,10 +10,10 @@ from jaxtyping import Int64
 
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Columns, Frames
-from exosight.errors import InputError
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet
 from exosight.system.system import System
+from exosight.validation import check_name
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.augment import Appearance, draw_appearance
 from exosight.vision.lighting import Lighting, LightingVariation, draw_lighting
@@ -24,12 +24,8 @@ _LIGHTING, _APPEARANCE = 1, 2  # streams of the dataset's seed
 def shades_of(config: GenerateConfig, system: System) -> dict[str, float]:
     """Nominal shade of every tube, by its name; InputError if the shade of another is to vary."""
     shades = {tube.name: tube.shade for tube in system.tubes}
-    unknown = [name for name in config.lighting.shades if name not in shades]
-    if unknown:
-        raise InputError(
-            f"lighting.shades: the system {system.name} has no tube {unknown[0]!r}; "
-            f"it has {', '.join(shades)}"
-        )
+    for name in config.lighting.shades:
+        check_name("lighting.shades", name, shades)
     return shades
 
 

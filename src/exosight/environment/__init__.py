@@ -7,7 +7,7 @@
     many = gymnasium.make_vec("exosight/Grip-v0", num_envs=64)
 
 task    what is asked of an agent and what it is paid; the same for one grip and for many (needs JAX)
-envs    the two classes that Gymnasium knows
+envs    the two classes that are registered with Gymnasium
 """
 
 from exosight.errors import InputError

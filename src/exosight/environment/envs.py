@@ -1,4 +1,4 @@
-"""The grip as Gymnasium knows environments: one, or many solved together."""
+"""The grip as Gymnasium environments: one, or many solved together."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,15 +9,16 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
+from exosight.control.trials import CONTROL_SHAPE
 from exosight.environment.task import (
     GripConfig,
     Grips,
     action_space,
-    nominal_system,
     observation_space,
     settings,
 )
 from exosight.errors import InputError
+from exosight.exosuit.catalogue import nominal_system
 from exosight.exosuit.published import NAME
 from exosight.system.system import System
 
@@ -55,15 +56,15 @@ class GripEnv(gymnasium.Env):
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict]:
         """One step; InputError for an action that is no finite number."""
         reward, over = self._grips.step(np.reshape(action, (1, -1)), np.zeros(1, bool))
-        seen, told = self._seen()
-        return seen, float(reward[0]), False, bool(over[0]), told
+        seen, info = self._seen()
+        return seen, float(reward[0]), False, bool(over[0]), info
 
     def render(self) -> np.ndarray | None:
         """The camera's picture, (height, width, 3)."""
         return _colour(self._grips.pictures())[0] if self.render_mode else None
 
     def _seen(self) -> tuple[Any, dict]:
-        return _row(self._grips.observe(), 0), {k: v[0].item() for k, v in self._grips.tell().items()}
+        return _row(self._grips.observe(), 0), {k: v[0].item() for k, v in self._grips.info.items()}
 
 
 class GripVectorEnv(VectorEnv):
@@ -129,7 +130,7 @@ class GripVectorEnv(VectorEnv):
             if own is not None and which[i]:
                 self._generators[i] = seeding.np_random(own)[0]
         self._begin(which, options.get("target"))
-        return self._grips.observe(), self._told()
+        return self._grips.observe(), self._info()
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict]:
         """One step of every grip; InputError for actions that are no finite numbers."""
@@ -139,23 +140,23 @@ class GripVectorEnv(VectorEnv):
         if begun.any():
             self._begin(begun)
         rewards, self._over = self._grips.step(actions, begun)
-        truncated, told = self._over.copy(), self._told()
+        truncated, info = self._over.copy(), self._info()
         seen = self._grips.observe()
         if self._mode is AutoresetMode.SAME_STEP and self._over.any():
             last = self._over
             final = np.full(self.num_envs, None, dtype=object)
             for i in np.flatnonzero(last):
                 final[i] = _row(seen, int(i))
-            told = {
+            info = {
                 "final_obs": final,
                 "_final_obs": last.copy(),
-                "final_info": told,
+                "final_info": info,
                 "_final_info": last.copy(),
             }
             self._begin(last)
             seen = self._grips.observe()
-            told |= self._told()
-        return seen, rewards, np.zeros(self.num_envs, bool), truncated, told
+            info |= self._info()
+        return seen, rewards, np.zeros(self.num_envs, bool), truncated, info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The camera's pictures, each (height, width, 3)."""
@@ -167,16 +168,18 @@ class GripVectorEnv(VectorEnv):
         )
         self._over = self._over & ~which
 
-    def _told(self) -> dict[str, np.ndarray]:
-        told = self._grips.tell()
-        return told | {f"_{name}": np.ones(self.num_envs, bool) for name in told}
+    def _info(self) -> dict[str, np.ndarray]:
+        info = self._grips.info
+        return info | {f"_{name}": np.ones(self.num_envs, bool) for name in info}
 
 
 def _systems(given: Sequence[str | System], others: dict[str, Any]) -> tuple[GripConfig, list[System]]:
     """The configuration, and the systems: those given, or those of the names given."""
     if not given:
         raise InputError("grip, system: expected at least one, got none")
-    return settings(others), [one if isinstance(one, System) else nominal_system(one) for one in given]
+    return settings(others), [
+        one if isinstance(one, System) else nominal_system(one, CONTROL_SHAPE) for one in given
+    ]
 
 
 def _render_mode(mode: str | None) -> str | None:

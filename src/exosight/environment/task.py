@@ -1,4 +1,4 @@
-"""What is asked of an agent: bring a sensor F to a target F_t, without pressing too hard anywhere.
+"""The task of an agent: bring a sensor F to a target F_t, without pressing too hard anywhere.
 
 Ten times a second the agent changes the command of every channel by a share a of what it can do in a step,
 
@@ -14,7 +14,6 @@ it is always cut after the same number of steps, and never ends by itself.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -24,17 +23,13 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass as configuration
 
 from exosight.control.batch import BatchPlant
-from exosight.control.trials import CONTROL_SHAPE
 from exosight.control.tuning import default_limits, default_rate
 from exosight.errors import InputError
-from exosight.exosuit.assembly import Exosuit
-from exosight.exosuit.catalogue import find_system
-from exosight.exosuit.published import published
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.system.camera import Camera
-from exosight.system.designs import FileDesigns
 from exosight.system.schema import Schema
 from exosight.system.system import System
+from exosight.validation import first_fault
 
 REWARD_UNIT = 0.1
 """Error of the controlled sensor that costs 1 [its unit]."""
@@ -48,10 +43,10 @@ Newtons = Annotated[float, Field(gt=0, le=LARGEST_FORCE)]
 
 @configuration(frozen=True, config=ConfigDict(extra="forbid"))
 class GripConfig:
-    """What an agent sees, what it may do, what it is asked for."""
+    """Observations, actions and targets of an agent."""
 
     observation: Literal["state", "image", "mixed"] = "state"
-    """Readings and commands; the picture and commands; or both. The target is always told."""
+    """Readings and commands; the picture and commands; or both. The target is always part of it."""
     sensor: str | None = None
     """That is to reach its target; by default the one that the system's schema names."""
     steps: Count = 100
@@ -63,7 +58,7 @@ class GripConfig:
     largest_target: Newtons = 0.35
     """… to here [the sensor's unit]."""
     release: Annotated[float, Field(ge=0, le=1)] = 0.2
-    """Share of the targets that are 0 instead: let go."""
+    """Share of the targets that are 0 instead: release."""
     contact_limit: Newtons | None = None
     """Force on any one contact that must not be passed, F_max [N]; by default the sensors' own, or 0.5 N."""
     excess_weight: Annotated[float, Field(ge=0, le=1000)] = 5.0
@@ -96,23 +91,16 @@ def settings(values: dict[str, Any]) -> GripConfig:
     try:
         return _SETTINGS.validate_python(values)
     except ValidationError as error:
-        fault = error.errors()[0]
-        name = ".".join(str(part) for part in fault["loc"])
-        raise InputError(f"grip, {name}: {fault['msg']}, got {str(fault['input'])[:80]}") from None
+        raise InputError(f"grip, {first_fault(error)}") from None
 
 
-@dataclass(frozen=True)
-class Ranges:
-    """What the commands of an environment's channels may be, (channels,) each [the channel's unit]."""
-
-    low: Float[np.ndarray, " channels"]
-    high: Float[np.ndarray, " channels"]
-    step: Float[np.ndarray, " channels"]
-    """Largest change in a step."""
+Commands = Float[np.ndarray, " channels"]
 
 
-def ranges(schema: Schema, config: GripConfig) -> Ranges:
-    """From the channels, and the configuration where there is a single one.
+def command_ranges(schema: Schema, config: GripConfig) -> tuple[Commands, Commands, Commands]:
+    """Smallest and largest command, and largest change in a step, of each channel [its unit].
+
+    They follow from the channels, and from the configuration where there is a single one.
 
     Raises InputError for numbers beyond the channel's range, or given for several channels.
     """
@@ -137,46 +125,35 @@ def ranges(schema: Schema, config: GripConfig) -> Ranges:
         low.append(ends[0])
         high.append(ends[1])
         step.append((given["rate"] or default_rate(channel)) * config.period)
-    return Ranges(np.array(low), np.array(high), np.array(step))
+    return np.array(low), np.array(high), np.array(step)
 
 
 def observation_space(schema: Schema, config: GripConfig, camera: Camera) -> spaces.Space:
-    """What one agent sees.
+    """Observations of one agent.
 
     state   (1 + channels + outputs,)  target F_t, commands, and true readings of the estimated sensors
-    order   (1 + channels,)            target F_t and commands: what one knows without a sensor
+    command (1 + channels,)            target F_t and commands: what is known without a sensor
     image   (height, width, 1)         gray 0…255
 
-    `state` alone; a dictionary of `image` and `order`; or one of `image` and `state`.
+    `state` alone; a dictionary of `image` and `command`; or one of `image` and `state`.
     """
-    within, known = ranges(schema, config), 1 + len(schema.channels)
+    (lowest, highest, _), known = command_ranges(schema, config), 1 + len(schema.channels)
     floor = [0.0 if "force" in spec.quantity else -LARGEST_FORCE for spec in schema.estimated]
     target = 0.0 if "force" in schema.sensor(config.sensor or schema.controlled).quantity else -LARGEST_FORCE
-    low = np.array([target, *within.low, *floor], np.float32)
-    high = np.array([LARGEST_FORCE, *within.high, *[LARGEST_FORCE] * len(floor)], np.float32)
+    low = np.array([target, *lowest, *floor], np.float32)
+    high = np.array([LARGEST_FORCE, *highest, *[LARGEST_FORCE] * len(floor)], np.float32)
     state = spaces.Box(low, high)
     if config.observation == "state":
         return state
     image = spaces.Box(0, 255, (camera.height, camera.width, 1), np.uint8)
     if config.observation == "image":
-        return spaces.Dict({"image": image, "order": spaces.Box(low[:known], high[:known])})
+        return spaces.Dict({"image": image, "command": spaces.Box(low[:known], high[:known])})
     return spaces.Dict({"image": image, "state": state})
 
 
 def action_space(schema: Schema) -> spaces.Box:
     """a: of each channel, the share of the largest change of its command."""
     return spaces.Box(-1.0, 1.0, (len(schema.channels),), np.float32)
-
-
-def nominal_system(name: str) -> System:
-    """The system of a name: the paper's controller's exosuit, or what a file describes.
-
-    Raises InputError or DataError as `exosight.exosuit.catalogue.find_system`.
-    """
-    designs = find_system(name)
-    if isinstance(designs, FileDesigns):
-        return designs.build(designs.nominal())
-    return published(Exosuit(CONTROL_SHAPE))
 
 
 class Grips:
@@ -189,8 +166,8 @@ class Grips:
         self.config, self.schema = config, systems[0].schema
         self.sensor = config.sensor or self.schema.controlled
         self.schema.index(self.sensor)
-        self.camera = config.camera or systems[0].camera()
-        self._ranges = ranges(self.schema, config)
+        self.camera = config.camera or systems[0].camera
+        self._low, self._high, self._largest_change = command_ranges(self.schema, config)
         self._limits = default_limits(self.schema, config.contact_limit)
         self._plant = BatchPlant(systems, _SOLVER)
         self._targets = np.zeros((len(systems), config.steps + 1))
@@ -213,7 +190,7 @@ class Grips:
         chosen = np.array([generator is not None for generator in generators])
         for i, generator in enumerate(generators):
             if generator is not None:
-                self._targets[i] = self._drawn(generator) if target is None else self._told(target)
+                self._targets[i] = self._drawn(generator) if target is None else self._given(target)
         self._plant.reset(chosen)
         self._step[chosen] = 0
         self._commands[chosen] = 0.0
@@ -228,17 +205,17 @@ class Grips:
 
         Raises InputError for actions of another shape or that are no finite numbers.
         """
-        actions, config, within = np.asarray(actions, float), self.config, self._ranges
+        actions = np.asarray(actions, float)
         if actions.shape != self._commands.shape or not np.isfinite(actions).all():
             raise InputError(f"actions: expected finite numbers within ±1, shape {self._commands.shape}")
-        change = np.where(still[:, None], 0.0, np.clip(actions, -1, 1) * within.step)
-        state = self._plant.step(np.clip(self._commands + change, within.low, within.high))
+        change = np.where(still[:, None], 0.0, np.clip(actions, -1, 1) * self._largest_change)
+        state = self._plant.step(np.clip(self._commands + change, self._low, self._high))
         self._commands = state.commands.copy()
         error = np.abs(self.targets - state.reading(self.sensor))
         excess = np.maximum(state.outputs - self._limits, 0).sum(axis=1)
         self._step[~still] += 1
-        reward = -(error + config.excess_weight * excess) / REWARD_UNIT
-        return np.where(still, 0.0, reward), self._step >= config.steps
+        reward = -(error + self.config.excess_weight * excess) / REWARD_UNIT
+        return np.where(still, 0.0, reward), self._step >= self.config.steps
 
     @property
     def targets(self) -> Float[np.ndarray, " grips"]:
@@ -253,15 +230,16 @@ class Grips:
             return state
         image = self.pictures()[..., None]
         if self.config.observation == "image":
-            return {"image": image, "order": state[:, : 1 + self._commands.shape[1]]}
+            return {"image": image, "command": state[:, : 1 + self._commands.shape[1]]}
         return {"image": image, "state": state}
 
     def pictures(self) -> UInt8[np.ndarray, "grips height width"]:
-        """What the camera sees."""
+        """Images of the camera."""
         return self._plant.pictures(self.camera)
 
-    def tell(self) -> dict[str, np.ndarray]:
-        """For the records: the controlled sensor and every channel's command by their names, each in its
+    @property
+    def info(self) -> dict[str, np.ndarray]:
+        """For Gymnasium's info: the controlled sensor and every channel's command by their names, each in its
         unit, and whether the solver found the pose that was asked for.
         """
         state = self._plant.state
@@ -275,8 +253,8 @@ class Grips:
         forces[generator.random(count) < config.release] = 0.0
         return np.repeat(forces, config.hold)[: config.steps + 1]
 
-    def _told(self, target: float | Sequence[float]) -> np.ndarray:
-        told = np.atleast_1d(np.asarray(target, float))
-        if told.ndim != 1 or not len(told) or not ((told >= 0) & (told <= LARGEST_FORCE)).all():
+    def _given(self, target: float | Sequence[float]) -> np.ndarray:
+        given = np.atleast_1d(np.asarray(target, float))
+        if given.ndim != 1 or not len(given) or not ((given >= 0) & (given <= LARGEST_FORCE)).all():
             raise InputError(f"target: expected numbers within 0…{LARGEST_FORCE:g}, one or one a step")
-        return told[np.minimum(np.arange(self.config.steps + 1), len(told) - 1)]
+        return given[np.minimum(np.arange(self.config.steps + 1), len(given) - 1)]

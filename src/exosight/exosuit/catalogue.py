@@ -4,6 +4,7 @@ from pathlib import Path
 
 from exosight.errors import InputError
 from exosight.exosuit.published import NAME, PublishedDesigns, published
+from exosight.exosuit.shapes import TABLE_I, ExosuitShape
 from exosight.system.designs import DesignSet, FileDesigns
 from exosight.system.file import read_system_file
 from exosight.system.system import System
@@ -33,10 +34,10 @@ def find_system(name: str) -> DesignSet:
     )
 
 
-def nominal_system(name: str) -> System:
-    """The system that a preset stands for (its Table I exosuit), or that a file describes without variation.
+def nominal_system(name: str, shape: ExosuitShape = TABLE_I) -> System:
+    """The published system with this exosuit, or what a file describes without variation.
 
     Raises what `find_system` raises.
     """
     designs = find_system(name)
-    return designs.build(designs.nominal()) if isinstance(designs, FileDesigns) else published()
+    return designs.build(designs.nominal()) if isinstance(designs, FileDesigns) else published(shape)

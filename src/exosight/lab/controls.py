@@ -87,7 +87,7 @@ def _sensor(sensor: SensorSpec) -> dict[str, str]:
 
 def _scene(system: System) -> dict[str, Any]:
     """What stays of a drawing: tubes, zones, and the rectangle that the camera sees [mm]."""
-    camera = system.camera()
+    camera = system.camera
     links = {body.name for body in system.bodies if not hasattr(body, "strains")}
     return {
         "tubes": [

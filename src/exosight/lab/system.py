@@ -69,12 +69,7 @@ class LabSystem:
 
     def channel(self, name: str | None) -> int:
         """Place of a channel among all, by default the first; InputError if there is none of this name."""
-        names = [grid.channel.name for grid in self.grids]
-        if name is not None and name not in names:
-            raise InputError(
-                f"channel: the system {self.schema.system} has no {name!r}; it has {', '.join(names)}"
-            )
-        return 0 if name is None else names.index(name)
+        return self.schema.channel_index(name)
 
     def sensor(self, name: str | None) -> SensorSpec:
         """A sensor, by default the one that control follows; InputError if there is none of this name."""

@@ -1,4 +1,4 @@
-"""What training images go through, so that a network does not mind it: moved, faded, noisy.
+"""Augmentation of training images, for invariance to position, contrast and noise.
 
 The moves, grays and noise of a step follow from seed, epoch and step alone, so that a resumed run sees the
 same images.
@@ -29,7 +29,7 @@ def augment_batch(
     key = (step, part) if part else (step,)
     rng = np.random.default_rng(np.random.SeedSequence([seed, epoch], spawn_key=key))
     count = len(images)
-    found = moved(images, rng).astype(np.float32)
+    found = shifted(images, rng).astype(np.float32)
     found *= np.float32(1 / 255)
     low, share = rng.uniform(0, [[0.7], [1.0]], (2, count))
     high = low + (1 - low) * (0.25 + 0.75 * share)
@@ -46,7 +46,7 @@ def augment_batch(
     return found
 
 
-def moved(
+def shifted(
     images: UInt8[np.ndarray, "batch stack height width"], rng: np.random.Generator
 ) -> UInt8[np.ndarray, "batch stack height width"]:
     """Each stack by its own whole pixels, up to 1/40 of its side; the border repeats into the gap."""

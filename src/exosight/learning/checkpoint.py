@@ -19,12 +19,13 @@ from torch import Tensor, nn
 
 import exosight
 from exosight.errors import DataError, InputError
-from exosight.files import replace_file
+from exosight.files import check_format, replace_file
 from exosight.learning.config import LONGEST_HISTORY, Settings
 from exosight.learning.history import EpochRecord
 from exosight.learning.networks import Network, SensorModel, build_network
 from exosight.learning.outputs import nonnegative
 from exosight.system.schema import Schema
+from exosight.validation import first_fault
 
 CHECKPOINT_NAME = "checkpoint.safetensors"
 MOMENTS = ("exp_avg", "exp_avg_sq")
@@ -141,18 +142,19 @@ def load_checkpoint(source: Path) -> Checkpoint:
         tensors = safetensors.torch.load(data)
         texts = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])["__metadata__"]
         written, digest = texts["exosight"], texts["sha256"]
+        found = json.loads(written)["format"]
     except (safetensors.SafetensorError, ValueError, KeyError, TypeError) as error:
         raise DataError(
             f"{path}: not a checkpoint of exosight, or damaged; train again or use a copy"
         ) from error
     if digest != _digest(written, tensors):
         raise DataError(f"{path}: damaged, its checksum does not fit its contents; train again or use a copy")
-    _check_format(path, written)
+    check_format(path, "checkpoint", found, _FORMAT, "train again in a new folder")
     try:
         header = _HEADER.validate_json(written)
     except pydantic.ValidationError as error:
         raise DataError(
-            f"{path}: written by another version of exosight ({_first(error)}); use that one"
+            f"{path}: written by another version of exosight ({first_fault(error)}); use that one"
         ) from error
     checkpoint = Checkpoint(header.run, header.position, header.history, header.versions, tensors)
     if problem := _contradiction(checkpoint):
@@ -209,19 +211,6 @@ def restore_tensors(
             state["step"].fill_(checkpoint.position.step)
 
 
-def _check_format(path: Path, written: str) -> None:
-    """Raise DataError that says how to make the run again, unless the header is of this format."""
-    try:
-        found = json.loads(written)["format"]
-    except (ValueError, KeyError, TypeError):
-        return  # what is wrong is said where the header is read
-    if found != _FORMAT:
-        raise DataError(
-            f"{path}: checkpoint format {found}, this exosight reads {_FORMAT}; train again with exosight "
-            "train, in a new folder, or use the exosight that wrote it"
-        )
-
-
 def _digest(header: str, tensors: Mapping[str, Tensor]) -> str:
     digest = hashlib.sha256(header.encode())
     for name in sorted(tensors):
@@ -272,8 +261,3 @@ def _contradiction(checkpoint: Checkpoint) -> str | None:
 
 def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:
     return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
-
-
-def _first(error: pydantic.ValidationError) -> str:
-    problem = error.errors()[0]
-    return f"{'.'.join(str(part) for part in problem['loc'])}: {problem['msg']}"

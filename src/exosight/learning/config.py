@@ -57,6 +57,9 @@ class TrainConfig:
 class Settings:
     """A `TrainConfig` with every default spelled out, as a checkpoint keeps it."""
 
+    pretrained: str
+    """SHA-256 of the network that it started from; empty where the first weights were random. It comes first
+    as it decides defaults of others, so that it is what is named where two runs differ."""
     network: NetworkName
     recipe: RecipeName
     epochs: int
@@ -68,8 +71,6 @@ class Settings:
     precision: Precision
     history: int
     actuation: bool
-    pretrained: str
-    """SHA-256 of the network that it started from; empty where the first weights were random"""
 
 
 def resolve(
@@ -81,7 +82,7 @@ def resolve(
 ) -> Settings:
     """Spell out the defaults.
 
-    device, precision   what `auto` means on this machine, which only PyTorch can tell
+    device, precision   what `auto` means on this machine, as PyTorch reports
     local_size          processes that share the cores of this machine, itself included
     pretrained          SHA-256 of the network to start from, if there is one
 

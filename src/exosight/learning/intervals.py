@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from exosight.errors import InputError
+from exosight.validation import check_name
 
 LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
 """Shares of frames whose true value an interval may be asked to hold."""
@@ -61,8 +61,7 @@ def interval(
 
     Raises InputError for a level that is none of LEVELS.
     """
-    if level not in LEVELS:
-        raise InputError(f"level: expected one of {', '.join(map(str, LEVELS))}, got {level}")
+    check_name("level", level, LEVELS)
     zero, force = (
         np.array(w[LEVELS.index(level)], np.float32) for w in (widths.estimated_zero, widths.estimated_force)
     )

@@ -55,12 +55,6 @@ class ModelCard:
     """whether it has a second input, the commands of all channels"""
 
     @property
-    def image_size(self) -> tuple[int, int]:
-        """(height, width) [pixels]."""
-        view = self.schema.cameras[0]
-        return view.height, view.width
-
-    @property
     def channels(self) -> tuple[Channel, ...]:
         """Whose commands are an input."""
         return self.schema.channels if self.actuation else ()
@@ -68,7 +62,7 @@ class ModelCard:
     @property
     def inputs(self) -> dict[str, list[int]]:
         """Inputs of the network by name, and their shape after the batch."""
-        image = {"image": [1 + self.history, *self.image_size]}
+        image = {"image": [1 + self.history, *self.schema.image_size]}
         return {**image, "commands": [len(self.channels)]} if self.actuation else image
 
     def check_fits(self, schema: Schema, what: str) -> None:
@@ -101,7 +95,7 @@ def seal(model: bytes) -> bytes:
 
 
 def sealed(data: bytes) -> str:
-    """The SHA-256 at the end of a sealed model: tells it from all others."""
+    """The SHA-256 at the end of a sealed model: identifies it."""
     return data[-64:].decode()
 
 

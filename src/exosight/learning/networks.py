@@ -11,15 +11,6 @@ from exosight.errors import InputError
 from exosight.learning.outputs import command_scale
 from exosight.system.schema import Schema
 
-ImageSize = tuple[int, int]
-"""(height, width) [pixels]"""
-
-
-def image_size(schema: Schema) -> ImageSize:
-    """Of the images that networks read: those of the first camera."""
-    view = schema.cameras[0]
-    return view.height, view.width
-
 
 class Network(nn.Sequential):
     """Layers one after the other; the last gives the answers from the features.
@@ -65,9 +56,9 @@ class PaperNetwork(Network):
     """
 
     def __init__(self, schema: Schema):
-        if image_size(schema) != (128, 128):
+        if schema.image_size != (128, 128):
             raise InputError(
-                f"the paper network needs 128×128 images, got {_size(image_size(schema))}; use the light one"
+                f"the paper network needs 128×128 images, got {_size(schema)}; use the light one"
             )
         layers: list[nn.Module] = []
         channels = 1
@@ -99,11 +90,11 @@ class LightNetwork(Network):
     """
 
     def __init__(self, schema: Schema, auxiliary: int = 0, history: int = 0, actuation: bool = False):
-        size, outputs = image_size(schema), len(schema.outputs)
+        size, outputs = schema.image_size, len(schema.outputs)
         if min(size) < 32 or max(size) > 4096 or any(side % 4 for side in size):
             raise InputError(
                 "the light network needs images of 32 to 4096 pixels a side, in multiples of 4, "
-                f"got {_size(size)}"
+                f"got {_size(schema)}"
             )
         height, width = (-(-side // 32) for side in size)
         features = 128
@@ -283,5 +274,5 @@ class SensorModel(nn.Module):
         return values, error, contact if self.only_forces else contact * self.touches
 
 
-def _size(image_size: ImageSize) -> str:
-    return "×".join(str(side) for side in image_size)
+def _size(schema: Schema) -> str:
+    return "×".join(map(str, schema.image_size))

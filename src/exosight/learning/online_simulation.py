@@ -32,7 +32,7 @@ class EpochData(NamedTuple):
     rows: Integer[np.ndarray, " n"]
     """those to learn from"""
     stacks: Int64[np.ndarray, "frames stack"]
-    """rows of the images that are seen of each, its own first"""
+    """rows of the images that are inputs for each, its own first"""
     commands: Float32[np.ndarray, "frames channels"] | None
     """for a network that has them as an input [the channels' units]"""
 

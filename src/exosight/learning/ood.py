@@ -1,7 +1,7 @@
-"""Whether an image is like those that a network learned from: can the picture be told from what it saw in it?
+"""OOD scores: whether an image is like those that a network learned from, by a linear reconstruction.
 
-A linear map takes the network's last features back to the picture, at a quarter of its size. Where the
-network has never seen the like, features and picture do not fit. The score is the mean squared misfit, each
+A linear map reconstructs the image, at a quarter of its size, from the network's last features. For an image
+unlike the training data the reconstruction is wrong. The score is its mean squared error, each
 place in units of what is usual there and less what the image's noise explains: well below 1 for images like
 those learned from, and more without limit for others.
 """
@@ -21,13 +21,13 @@ SHARE, NOISE = 0.99, 0.01
 whose score is under the limit."""
 
 _FAINT = 0.05
-"""Least misfit that counts as usual [standard deviations of a picture]: much of it never changes at all."""
+"""Least error that counts as usual [standard deviations of a picture]: much of it never changes at all."""
 _RIDGE = 1e-3
 _BATCH = 256
 
 
 class OodDetector(nn.Module):
-    """The map back, and what misfit is usual; `limit` is the score beyond which an image is unlike."""
+    """The map, and its usual error; `limit` is the score beyond which an image is out of distribution."""
 
     weight: Tensor
     bias: Tensor
@@ -46,12 +46,12 @@ class OodDetector(nn.Module):
     ) -> Float[Tensor, " batch"]:
         """The score of each image; those before it had theirs when they were new."""
         picture = _newest(image)
-        misfit = _shrunk(picture) - features @ self.weight - self.bias
+        error = _shrunk(picture) - features @ self.weight - self.bias
         # The diagonal details of 2×2 pixels: white noise has its full variance there, a picture next to none.
         # Averaged over 4×4 pixels, a sixteenth of it is left.
         details = nn.functional.conv2d(picture, self.diagonal, stride=2)
         noise = (details**2).mean((1, 2, 3)) / 16
-        return ((misfit**2 - noise[:, None]) / self.usual**2).mean(1)
+        return ((error**2 - noise[:, None]) / self.usual**2).mean(1)
 
 
 def fit_ood_detector(
@@ -59,7 +59,7 @@ def fit_ood_detector(
     images: UInt8[np.ndarray, "frames stack height width"],
     commands: Float32[np.ndarray, "frames channels"] | None = None,
 ) -> OodDetector:
-    """From frames that the network has not learned from: the map on every other, its misfit on the rest.
+    """From frames that the network has not learned from: the map on every other, its error on the rest.
 
     images     each with those before it, as many as are inputs of the network
     commands   if they are an input [the channels' units]

@@ -105,14 +105,14 @@ def join(wanted: Literal["auto", "cpu", "cuda"]) -> Iterator[ProcessGroup]:
             dist.destroy_process_group()
 
 
-def whole_batch(group: ProcessGroup, network: Network) -> Network:
+def synchronised(group: ProcessGroup, network: Network) -> Network:
     """The network, its batch normalisation made that of the whole batch where that is possible."""
     if group.size == 1 or group.device == "cpu":
         return network
     return cast(Network, nn.SyncBatchNorm.convert_sync_batchnorm(network))
 
 
-def add_up(group: ProcessGroup, tensors: Iterable[Tensor]) -> None:
+def all_reduce_sum(group: ProcessGroup, tensors: Iterable[Tensor]) -> None:
     """Put into each tensor its sum over all processes; the tensors are of one type.
 
     One message for all gradients: these networks are small, so that sending while the backward pass still
@@ -121,26 +121,26 @@ def add_up(group: ProcessGroup, tensors: Iterable[Tensor]) -> None:
     _exchange(group, list(tensors), dist.all_reduce)
 
 
-def share(group: ProcessGroup, tensors: Iterable[Tensor]) -> None:
+def broadcast(group: ProcessGroup, tensors: Iterable[Tensor]) -> None:
     """Put into each tensor what the first process has there; the tensors are of one type."""
     _exchange(group, list(tensors), lambda flat: dist.broadcast(flat, 0))
 
 
-def share_block(group: ProcessGroup, block: FrameBlock | None) -> FrameBlock:
+def broadcast_block(group: ProcessGroup, block: FrameBlock | None) -> FrameBlock:
     """The simulated frames that the first process has, in all."""
     if group.size == 1 and block:
         return block
     found = []
     for i, (dimensions, kind) in enumerate(_OF_A_BLOCK):
         shape = torch.tensor(block[i].shape if block else [0] * dimensions)
-        share(group, [shape])
+        broadcast(group, [shape])
         array = torch.from_numpy(block[i]) if block else torch.empty(*shape.tolist(), dtype=kind)
-        share(group, [array])
+        broadcast(group, [array])
         found.append(array.numpy())
     return FrameBlock(*found)
 
 
-def check_alike(group: ProcessGroup, what: str, error: str) -> None:
+def check_identical(group: ProcessGroup, what: str, error: str) -> None:
     """Raise InputError in all unless `what` is the same text in all; none goes on before the last."""
     number = int.from_bytes(hashlib.sha256(what.encode()).digest()[:7])
     bounds = torch.tensor([number, -number])

@@ -4,10 +4,10 @@ import contextlib
 import json
 import math
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -24,7 +24,13 @@ from exosight.learning.losses import output_loss, training_loss
 from exosight.learning.networks import SensorModel, answers
 from exosight.learning.online_simulation import EpochData, epoch_data
 from exosight.learning.outputs import nonnegative
-from exosight.learning.parallel import add_up, choose_device, choose_precision, share, share_block
+from exosight.learning.parallel import (
+    all_reduce_sum,
+    broadcast,
+    broadcast_block,
+    choose_device,
+    choose_precision,
+)
 from exosight.learning.pretrained import Pretrained, check_pretrained, first_weights
 from exosight.learning.process_group import SINGLE, ProcessGroup
 from exosight.learning.recipes import RECIPES
@@ -152,22 +158,21 @@ def _first_weights(pretrained: Pretrained, identity: RunIdentity, data: Training
     check_pretrained(pretrained, identity)
     chosen = index[np.linspace(0, len(index) - 1, min(len(index), _PRETRAINED_IMAGES)).astype(np.intp)]
     seen = stacks(data.previous, settings.history, len(data.images))[chosen]
-    commands = None if data.commands is None else data.commands[chosen]
-    return first_weights(pretrained, identity, *_tensors(data.images[seen], commands, "cpu"))
+    return first_weights(pretrained, identity, *_tensors(data.images[seen], data.commands, chosen, "cpu"))
 
 
 def _run(run: Run, data: TrainingData, progress: Callable[[Progress], None] | None) -> None:
     """Take a run to its end, its curves into TensorBoard's files as well."""
     group, online_blocks = run.group, data.online_blocks
     with (
-        contextlib.closing(
-            online_blocks(run.position.epoch) if online_blocks and group.first else _no_blocks()
-        ) as blocks,
+        contextlib.closing(online_blocks(run.position.epoch))
+        if online_blocks and group.first
+        else contextlib.nullcontext(repeat(None)) as blocks,
         _board(run) as board,
     ):
         while not run.position.complete:
             block = next(blocks)
-            _run_epoch(run, data, share_block(group, block) if online_blocks else block, progress)
+            _run_epoch(run, data, broadcast_block(group, block) if online_blocks else block, progress)
             latest = run.history[-1]
             for name, value in latest.curves().items():
                 board.add_scalar(name, value, latest.step)
@@ -182,11 +187,6 @@ def _board(run: Run) -> SummaryWriter:
         filename_suffix=f".{step}",
         write_to_disk=run.group.first,
     )
-
-
-def _no_blocks() -> Generator[None, None, None]:
-    while True:
-        yield None
 
 
 def _run_epoch(
@@ -219,7 +219,7 @@ def _run_epoch(
         step=record.step,
         seconds=record.seconds,
         best_epoch=best_epoch,
-        complete=epoch == settings.epochs or run.recipe.stalled(run.history),
+        complete=epoch == settings.epochs or run.recipe.schedule.should_stop(run.history),
     )
     run.save()
 
@@ -237,21 +237,15 @@ def _run_steps(
     steps = settings.epochs * len(batches)
     latest = run.history[-1] if run.history else None
     # A resumed epoch may have no step left, yet its record names the rate of its last one.
-    rate = run.recipe.rate(settings.learning_rate, max(run.position.step - 1, 0), steps, run.history)
+    rate = run.recipe.schedule.rate(settings.learning_rate, max(run.position.step - 1, 0), steps, run.history)
     saved = time.perf_counter()
     for chosen in batches[run.position.batch :]:
-        rate = run.recipe.rate(settings.learning_rate, run.position.step, steps, run.history)
+        rate = run.recipe.schedule.rate(settings.learning_rate, run.position.step, steps, run.history)
         mine = run.group.part(chosen)
         images: np.ndarray = frames.images[frames.stacks[mine]]
         if run.recipe.augments:
             images = augment_batch(images, settings.seed, epoch, run.position.batch, run.group.rank)
-        batch = _Batch(
-            images,
-            None if frames.commands is None else frames.commands[mine],
-            frames.labels[mine],
-            frames.auxiliary[mine],
-        )
-        loss, of_outputs = _step(run, batch, rate, len(mine) / len(chosen))
+        loss, of_outputs = _step(run, frames, mine, images, rate, len(mine) / len(chosen))
         _require_finite(loss, "loss", epoch, settings)
         now = time.perf_counter()
         run.position = replace(
@@ -269,17 +263,10 @@ def _run_steps(
     return rate
 
 
-class _Batch(NamedTuple):
-    """What a step learns from."""
-
-    images: UInt8[np.ndarray, "batch stack height width"] | Float32[np.ndarray, "batch stack height width"]
-    commands: Float32[np.ndarray, "batch channels"] | None
-    labels: Float32[np.ndarray, "batch outputs"]
-    auxiliary: Float32[np.ndarray, "batch auxiliary"]
-
-
-def _step(run: Run, batch: _Batch, rate: float, part: float) -> tuple[float, float]:
-    """Take one step on the recipe's loss, of which this batch is a part.
+def _step(
+    run: Run, frames: EpochData, chosen: np.ndarray, images: np.ndarray, rate: float, part: float
+) -> tuple[float, float]:
+    """Take one step on the recipe's loss, of which these images are a part.
 
     returns  the loss before it, and that of the outputs alone
     """
@@ -290,18 +277,18 @@ def _step(run: Run, batch: _Batch, rate: float, part: float) -> tuple[float, flo
     run.optimizer.zero_grad()
     low = settings.precision == "bfloat16"
     with torch.autocast(settings.device, torch.bfloat16, enabled=low):
-        output = run.network(*_tensors(batch.images, batch.commands, settings.device))
+        output = run.network(*_tensors(images, frames.commands, chosen, settings.device))
     losses = training_loss(
         answers(output.float(), run.network.outputs),
-        torch.from_numpy(batch.labels).to(settings.device) / run.scale,
-        torch.from_numpy(batch.auxiliary).to(settings.device) / run.auxiliary_scale,
+        torch.from_numpy(frames.labels[chosen]).to(settings.device) / run.scale,
+        torch.from_numpy(frames.auxiliary[chosen]).to(settings.device) / run.auxiliary_scale,
         nonnegative(run.identity.schema),
-        run.recipe.loss_corner,
+        run.recipe.smooth_l1_beta,
     )
     loss, own = (part * each for each in losses)
     loss.backward()
     gradients = (weight.grad for weight in run.network.parameters() if weight.grad is not None)
-    add_up(run.group, [loss, own, *gradients])
+    all_reduce_sum(run.group, [loss, own, *gradients])
     run.optimizer.step()
     _update_average(run)
     whole, of_outputs = torch.stack([loss, own]).tolist()
@@ -311,12 +298,12 @@ def _step(run: Run, batch: _Batch, rate: float, part: float) -> tuple[float, flo
 def _update_average(run: Run) -> None:
     """Move the running average of the weights; fast at first, when what it holds is far from trained."""
     steps = run.position.step
-    memory = min(run.recipe.memory, (1 + steps) / (10 + steps))
+    decay = min(run.recipe.ema_decay, (1 + steps) / (10 + steps))
     with torch.no_grad():
         for name, tensor in run.network.state_dict().items():
             average = run.average[name]
             if tensor.dtype.is_floating_point:
-                average.lerp_(tensor, 1 - memory)
+                average.lerp_(tensor, 1 - decay)
             else:
                 average.copy_(tensor)
 
@@ -324,7 +311,7 @@ def _update_average(run: Run) -> None:
 def _validate(run: Run, data: TrainingData) -> tuple[float, float]:
     """The recipe's loss and the mean absolute error [the outputs' units] as they would be in use."""
     # On CPUs the statistics of batch normalisation differ between the processes.
-    share(run.group, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
+    broadcast(run.group, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
     model = SensorModel(run.averaged(), run.scale, nonnegative(run.identity.schema)).eval()
     settings, index = run.identity.settings, data.validation_index
     seen = stacks(data.previous, settings.history, len(data.images))
@@ -333,26 +320,26 @@ def _validate(run: Run, data: TrainingData) -> tuple[float, float]:
         for start in range(0, len(index), _VALIDATION_BATCH)[run.group.rank :: run.group.size]:
             chosen = index[start : start + _VALIDATION_BATCH]
             truth = torch.from_numpy(data.labels[chosen]).to(settings.device)
-            commands = None if data.commands is None else data.commands[chosen]
-            values, _, _ = model(*_tensors(data.images[seen[chosen]], commands, settings.device))
-            loss = output_loss(values / run.scale, truth / run.scale, run.recipe.loss_corner)
+            values, _, _ = model(*_tensors(data.images[seen[chosen]], data.commands, chosen, settings.device))
+            loss = output_loss(values / run.scale, truth / run.scale, run.recipe.smooth_l1_beta)
             l1 = nn.functional.l1_loss(values, truth)
             totals += torch.tensor([loss.item(), l1.item()], dtype=torch.float64) * len(chosen)
-    add_up(run.group, [totals])
+    all_reduce_sum(run.group, [totals])
     loss, l1 = (totals / len(index)).tolist()
     return loss, l1
 
 
 def _tensors(
     images: UInt8[np.ndarray, "batch stack height width"] | Float32[np.ndarray, "batch stack height width"],
-    commands: Float32[np.ndarray, "batch channels"] | None,
+    commands: Float32[np.ndarray, "frames channels"] | None,
+    chosen: np.ndarray,
     device: str,
 ) -> tuple[Float[Tensor, "batch stack height width"], Float[Tensor, "batch channels"] | None]:
-    """A batch of images in [0, 1] and its commands; grays stay uint8 in memory until here."""
+    """A batch of images in [0, 1] and the commands of the chosen frames; grays stay uint8 until here."""
     tensor = torch.from_numpy(images).to(device)
     if images.dtype == np.uint8:
         tensor = tensor.float().div_(255.0)
-    return tensor, None if commands is None else torch.from_numpy(commands).to(device)
+    return tensor, None if commands is None else torch.from_numpy(commands[chosen]).to(device)
 
 
 def _check_slices(frames: int, batch: int, group: ProcessGroup) -> None:

@@ -71,10 +71,10 @@ def check_training_data(data: TrainingData) -> None:
     Raises InputError for a wrong type, shape or length, a label that is not finite or a negative force, an
     empty part, an index outside the frames, and a frame in both parts.
     """
-    images, view = data.images, data.schema.cameras[0]
-    if images.ndim != 3 or images.dtype != np.uint8 or images.shape[1:] != (view.height, view.width):
+    images, (height, width) = data.images, data.schema.image_size
+    if images.ndim != 3 or images.dtype != np.uint8 or images.shape[1:] != (height, width):
         raise InputError(
-            f"images: expected uint8 (frames, {view.height}, {view.width}), got {images.dtype} {images.shape}"
+            f"images: expected uint8 (frames, {height}, {width}), got {images.dtype} {images.shape}"
         )
     count = len(images)
     _check_labels(data, count)
@@ -135,9 +135,9 @@ def _check_rows(name: str, values: np.ndarray | None, shape: tuple[int, int]) ->
 def stacks(
     previous: Integer[np.ndarray, " frames"] | None, history: int, frames: int
 ) -> Int64[np.ndarray, "frames stack"]:
-    """The images that a network sees of each frame, by number: its own, then those before it, newest first.
+    """The images that are inputs for each frame, by number: its own, then those before it, newest first.
 
-    previous   the frame before each; its own number where there is none, which is then seen again instead
+    previous   the frame before each; its own number where there is none, which then stands in its place
     """
     rows = [np.arange(frames)]
     if previous is not None:

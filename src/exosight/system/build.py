@@ -6,7 +6,7 @@ from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.mechanics import Gravity
 from exosight.system.build_actuators import build_actuators
-from exosight.system.build_bodies import build_bodies, rod_points
+from exosight.system.build_bodies import build_bodies, check_joint, rod_points
 from exosight.system.build_surfaces import build_surfaces
 from exosight.system.camera import Camera
 from exosight.system.description import JOINT_COORDINATES, Description, SensorTable
@@ -15,6 +15,7 @@ from exosight.system.schema import SensorSpec
 from exosight.system.sensors import ContactForce, JointAngle, NetForce, Sensor
 from exosight.system.surfaces import SphereSurface
 from exosight.system.system import Contact, System
+from exosight.validation import check_name
 
 LARGEST = {"coordinates": 500, "points and spheres": 5000, "pairs of spheres": 100_000}
 """What a system may have at most; one of these sizes takes seconds a load."""
@@ -55,7 +56,7 @@ def build(description: Description) -> System:
 def _contact(description: Description, name: str, spheres: dict[str, SphereSurface]) -> Contact:
     table = description.contacts[name]
     for side, surface in (("first", table.first), ("second", table.second)):
-        _check_spheres(f"contacts.{name}.{side}", surface, spheres)
+        check_name(f"contacts.{name}.{side}", surface, spheres)
     both = {body for body, _ in spheres[table.first].spheres.frames} & {
         body for body, _ in spheres[table.second].spheres.frames
     }
@@ -68,22 +69,17 @@ def _sensor(
     description: Description, name: str, table: SensorTable, spheres: dict[str, SphereSurface]
 ) -> Sensor:
     if table.type == "joint_angle":
-        link = description.links.get(table.body or "")
-        coordinates = 0 if link is None else JOINT_COORDINATES[link.joint.type]
-        if table.coordinate >= coordinates:
-            raise InputError(
-                f"body: expected a link with a joint of more than {table.coordinate} coordinates, got "
-                f"{table.body!r}"
-            )
+        body = table.body or ""
+        check_joint(description, body, table.coordinate)
         spec = SensorSpec(name, "joint angle", "rad", estimated=table.estimated)
-        return JointAngle(spec, table.body or "", table.coordinate)
+        return JointAngle(spec, body, table.coordinate)
     if table.type == "net_force":
         for part in table.parts or ():
             if part in description.sensors and description.sensors[part].type == "joint_angle":
                 raise InputError(f"parts: expected forces, but {part} is a joint angle")
         return NetForce(SensorSpec(name, "net force", "N", parts=table.parts or (), limit=table.limit))
     surface = table.surface or ""
-    _check_spheres("surface", surface, spheres)
+    check_name("surface", surface, spheres)
     pressed = {side for each in description.contacts.values() for side in (each.first, each.second)}
     if surface not in pressed:
         raise InputError(f"surface: nothing presses on {surface}; name it in a contact")
@@ -105,13 +101,6 @@ def _zone(table: SensorTable, name: str, surface: SphereSurface) -> tuple[int, .
             f"{list(table.spheres)}"
         )
     return table.spheres
-
-
-def _check_spheres(place: str, name: str, spheres: dict[str, SphereSurface]) -> None:
-    if name not in spheres:
-        raise InputError(
-            f"{place}: there is no surface of spheres {name!r}; there are {', '.join(spheres) or 'none'}"
-        )
 
 
 def _check_size(description: Description) -> None:

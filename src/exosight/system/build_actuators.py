@@ -7,12 +7,13 @@ from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.mechanics import JointTorque, PressureLine
 from exosight.mechanics.term import Term
-from exosight.system.build_bodies import rod_points, rod_profile
-from exosight.system.description import JOINT_COORDINATES, ActuatorTable, Description, RodTable
+from exosight.system.build_bodies import check_joint, rod_points, rod_profile
+from exosight.system.description import ActuatorTable, Description, RodTable
 from exosight.system.faults import at_place
 from exosight.system.schema import Channel
 from exosight.system.system import Actuator
 from exosight.system.units import FORCE, TORQUE, split_quantity
+from exosight.validation import check_name
 
 LARGEST_LOAD = 1e6  # [N or N m]
 STEEPEST = 1e3
@@ -94,21 +95,14 @@ def _gain(text: str | None, unit: str, natural: str) -> float:
 
 
 def _torque(description: Description, table: ActuatorTable, place: int) -> Term:
-    link = description.links.get(table.body)
-    coordinates = 0 if link is None else JOINT_COORDINATES[link.joint.type]
-    if table.coordinate >= coordinates:
-        raise InputError(
-            f"body: expected a link with a joint of more than {table.coordinate} coordinates, got "
-            f"{table.body!r}"
-        )
+    check_joint(description, table.body, table.coordinate)
     return JointTorque(table.body, place, table.coordinate)
 
 
 def _line(description: Description, table: ActuatorTable, place: int) -> Term:
     """The line at angle + 2π turns X around the rod, on its surface or at a constant offset."""
     rods = description.rods
-    if table.body not in rods:
-        raise InputError(f"body: there is no rod {table.body!r}; there are {', '.join(rods) or 'none'}")
+    check_name("body", table.body, rods)
     rod = rods[table.body]
     x = rod_points(rod).points
     distance, growth = _distance(rod, table, x)

@@ -18,10 +18,18 @@ from exosight.mechanics import (
 )
 from exosight.mechanics.joint import Joint, Springs
 from exosight.mechanics.tree import Body
-from exosight.system.description import Description, JointTable, LinkTable, RadiusProfile, RodTable
+from exosight.system.description import (
+    JOINT_COORDINATES,
+    Description,
+    JointTable,
+    LinkTable,
+    RadiusProfile,
+    RodTable,
+)
 from exosight.system.faults import at_place
 from exosight.system.profile import Points, Profile, from_formula, from_points
 from exosight.system.units import LENGTH
+from exosight.validation import check_name
 
 SMALLEST_RADIUS, LARGEST_RADIUS = 1e-6, 10.0  # [m]
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -48,10 +56,7 @@ def _order(description: Description) -> list[str]:
         name: str | None = start
         while name is not None and name not in placed:
             if name not in parents:
-                raise InputError(
-                    f"{_place(description, chain[-1])}.parent: there is no body {name!r}; there are "
-                    f"{', '.join(parents)}"
-                )
+                check_name(f"{_place(description, chain[-1])}.parent", name, parents)
             if name in chain:
                 cycle = " sits on ".join([*chain[chain.index(name) :], name])
                 raise InputError(
@@ -128,6 +133,15 @@ def _joint(table: JointTable) -> Joint:
     if table.type == "spherical":
         return Spherical(**springs)
     return Revolute(_AXES[table.axis], **springs)
+
+
+def check_joint(description: Description, body: str, coordinate: int) -> None:
+    """InputError unless a body is a link whose joint has this coordinate, counted from 0."""
+    link = description.links.get(body)
+    if coordinate >= (0 if link is None else JOINT_COORDINATES[link.joint.type]):
+        raise InputError(
+            f"body: expected a link with a joint of more than {coordinate} coordinates, got {body!r}"
+        )
 
 
 def _mount(table: LinkTable | RodTable) -> Float[np.ndarray, "4 4"]:

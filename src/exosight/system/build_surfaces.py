@@ -7,6 +7,7 @@ from exosight.system.build_bodies import rod_points, rod_radii, sphere_frames
 from exosight.system.description import Description, SurfaceTable
 from exosight.system.faults import at_place
 from exosight.system.surfaces import Node, SphereSurface, Surface, TubeSurface
+from exosight.validation import check_name, check_unique
 
 
 def build_surfaces(description: Description) -> tuple[Surface, ...]:
@@ -24,10 +25,8 @@ def build_surfaces(description: Description) -> tuple[Surface, ...]:
 def _surface(description: Description, name: str, table: SurfaceTable) -> Surface:
     known = [*description.rods, *description.links]
     for i, body in enumerate(table.bodies):
-        if body not in known:
-            raise InputError(f"bodies.{i}: there is no body {body!r}; there are {', '.join(known)}")
-        if body in table.bodies[:i]:
-            raise InputError(f"bodies.{i}: {body} is named twice")
+        check_name(f"bodies.{i}", body, known)
+    check_unique("bodies", table.bodies)
     return (_tube if table.type == "tube" else _spheres)(description, name, table)
 
 

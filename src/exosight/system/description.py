@@ -25,7 +25,7 @@ from exosight.system.units import (
     RotaryStiffness,
     Stiffness,
 )
-from exosight.validation import CONFIG, Name
+from exosight.validation import CONFIG, Name, check_unique
 
 FORMAT = 1
 """Version of system files; a reader takes this one."""
@@ -156,8 +156,7 @@ class RodTable:
     rotation: Rotation = ORIGIN
 
     def __post_init__(self) -> None:
-        if len(set(self.strains)) < len(self.strains):
-            raise ValueError("strains: expected each strain once")
+        check_unique("strains", self.strains)
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -250,8 +249,7 @@ class SensorTable:
             raise ValueError(f"expected {needed} for a sensor of type {self.type}, got none")
         if self.type == "contact_force" and (self.spheres is None) == (self.body is None):
             raise ValueError("expected the zone as spheres or as a body, one of the two")
-        if self.parts is not None and len(set(self.parts)) < len(self.parts):
-            raise ValueError("parts: expected each sensor once")
+        check_unique("parts", self.parts or ())
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -313,8 +311,6 @@ class Description:
     def __post_init__(self) -> None:
         if self.format != FORMAT:
             raise ValueError(f"format: expected {FORMAT}, got {self.format}")
-        both = self.rods.keys() & self.links.keys()
-        if both:
-            raise ValueError(f"expected different names of rods and links, got {sorted(both)[0]} twice")
+        check_unique("rods and links", [*self.rods, *self.links])
         if not self.rods and not self.links:
             raise ValueError("expected at least one rod or link, got none")

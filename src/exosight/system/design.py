@@ -1,4 +1,4 @@
-"""What tells the systems of a set from each other; usable without JAX."""
+"""The parameters in which the systems of a set differ; usable without JAX."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ class Design:
     number       its place in the set, 0, 1, 2 …
     family       index into the set's families: what kind it is
     scenario     index into the set's scenarios: what varies in it
-    parameters   what tells it from the others, as JSON values
+    parameters   in which it differs from the others, as JSON values
     """
 
     number: int

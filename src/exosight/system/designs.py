@@ -1,7 +1,7 @@
 """Designs: systems of one structure that differ in numbers. A dataset is made of designs, drawn by a seed."""
 
 import json
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Protocol, runtime_checkable
 
 import jax
@@ -95,18 +95,22 @@ class FileDesigns:
         nominal = build(self._description)
         self.name, self.schema = nominal.name, nominal.schema
         self.families = (nominal.name,)
-        self.camera = nominal.camera()
+        self.camera = nominal.camera
         self.filters: Mapping[str, Filter] = {}
         for place, table in enumerate(self.varied):
             at_place(f"vary.{place}", _limits, table)
             if table.entry in [before.entry for before in self.varied[:place]]:
                 raise InputError(f"vary.{place}: {table.entry} varies already")
-        # All at once; one by one only to find which of them it was.
-        if not all(self._fits(share, nominal) for share in SHARES):
+        try:
+            for share in SHARES:
+                self._check_fit(self.varied, share, nominal)
+        except InputError:  # one by one only to find which of them it was
             for place, table in enumerate(self.varied):
                 for share in SHARES:
-                    at_place(f"vary.{place}", self._check_fit, table, share, nominal)
-            raise InputError("vary: expected limits that all entries can be at together, got others")
+                    at_place(f"vary.{place}", self._check_fit, (table,), share, nominal)
+            raise InputError(
+                "vary: expected limits that all entries can be at together, got others"
+            ) from None
 
     @property
     def varied(self) -> tuple[VaryTable, ...]:
@@ -153,30 +157,19 @@ class FileDesigns:
         random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
         return Design(number, 0, 0, {table.entry: _between(table, random.random()) for table in self.varied})
 
-    def _fits(self, share: float, nominal: System) -> bool:
-        """Whether the file describes a system like the nominal one when every entry is at this share."""
+    def _check_fit(self, tables: Sequence[VaryTable], share: float, nominal: System) -> None:
+        """InputError unless the system with these entries at this share stacks with the nominal one."""
+        entries = {table.entry: _between(table, share) for table in tables}
         try:
-            entries = {table.entry: _between(table, share) for table in self.varied}
-            return _alike(self.build(Design(0, 0, 0, entries)), nominal)
-        except InputError:
-            return False
-
-    def _check_fit(self, table: VaryTable, share: float, nominal: System) -> None:
-        value = _between(table, share)
-        try:
-            system = self.build(Design(0, 0, 0, {table.entry: value}))
+            system = self.build(Design(0, 0, 0, entries))
         except InputError as error:
-            raise InputError(f"with {table.entry} = {value}: {error}") from None
-        if not _alike(system, nominal):
+            given = ", ".join(f"{entry} = {value}" for entry, value in entries.items())
+            raise InputError(f"with {given}: {error}") from None
+        if jax.tree.structure(system) != jax.tree.structure(nominal):
             raise InputError(
-                f"{table.entry} changes what all designs share (parts, names, channels, limits of sensors, "
-                "cameras, shades); leave it out"
+                f"{', '.join(entries)} changes what all designs share (parts, names, channels, limits of "
+                "sensors, cameras, shades); leave it out"
             )
-
-
-def _alike(first: System, second: System) -> bool:
-    """Whether two systems can be stacked: parts, names and counts agree."""
-    return jax.tree.structure(first) == jax.tree.structure(second)
 
 
 def _limits(table: VaryTable) -> tuple[float, float, str]:

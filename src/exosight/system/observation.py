@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from exosight.arrays import AnyArray
 from exosight.mechanics.kinematics import walk
 from exosight.mechanics.robot import Robot
-from exosight.system.sensors import ContactForce, Reading
+from exosight.system.sensors import ContactForce, SensorInput
 from exosight.system.surfaces import SphereSurface
 from exosight.system.system import System
 
@@ -37,20 +37,18 @@ def observe(systems: System, q: Float[AnyArray, "systems states dofs"]) -> Obser
 
     returns   with batch dimensions (systems, states)
     """
-    return jax.vmap(lambda system, path: jax.vmap(partial(_observe, system))(path))(systems, jnp.asarray(q))
+    return jax.vmap(lambda system, path: jax.vmap(partial(observe_state, system))(path))(
+        systems, jnp.asarray(q)
+    )
 
 
 def observe_state(system: System, q: Float[Array, " dofs"]) -> Observation:
     """The same of one system at one state; JAX can differentiate it."""
-    return _observe(system, q)
-
-
-def _observe(system: System, q: Float[Array, " dofs"]) -> Observation:
     robot = system.robot
     motion = walk(robot, q)
     position = motion.position
     forces = _sphere_forces(system, robot, position)
-    at = Reading(robot, q, forces, {})
+    at = SensorInput(robot, q, forces, {})
     values: dict[str, Array] = {}
     for sensor in system.sensors:
         values[sensor.spec.name] = sensor.read(at._replace(values=values))

@@ -1,4 +1,4 @@
-"""What a system tells the programs that work with it: its load channels, its sensors, its cameras.
+"""The interface of a system: its load channels, its sensors, its cameras.
 
 The schema travels: it stands in the manifest of a dataset, the card of a network, a recording and a report,
 and is compared wherever two of them meet. Usable without JAX.
@@ -15,7 +15,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from exosight.errors import InputError
-from exosight.validation import CONFIG, Name, first_fault
+from exosight.validation import CONFIG, Name, check_name, check_unique, first_fault
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Unit = Annotated[str, Field(max_length=16, pattern=r"^[A-Za-zµ°%Ω][A-Za-z0-9µ°%Ω/^ .-]*$")]
@@ -93,15 +93,8 @@ class Schema:
     cameras: Annotated[tuple[ViewSpec, ...], Field(min_length=1, max_length=64)]
 
     def __post_init__(self) -> None:
-        for kind, entries in (
-            ("channels", self.channels),
-            ("sensors", self.sensors),
-            ("cameras", self.cameras),
-        ):
-            names = [entry.name for entry in entries]
-            twice = next((name for name in names if names.count(name) > 1), None)
-            if twice:
-                raise ValueError(f"{kind}: expected different names, got {twice} twice")
+        for kind in ("channels", "sensors", "cameras"):
+            check_unique(kind, (entry.name for entry in getattr(self, kind)))
         known: set[str] = set()
         for sensor in self.sensors:
             unknown = [part for part in sensor.parts if part not in known]
@@ -130,19 +123,61 @@ class Schema:
         sums = [s.name for s in self.sensors if s.parts and s.name in self.controllable]
         return (sums or list(self.controllable))[0]
 
+    @property
+    def image_size(self) -> tuple[int, int]:
+        """(height, width) of the images of the first camera [pixels]."""
+        return self.cameras[0].height, self.cameras[0].width
+
     def index(self, name: str) -> int:
         """Place of a sensor among all; InputError if there is none of this name."""
-        names = [sensor.name for sensor in self.sensors]
-        if name not in names:
-            hint = ", and a sum of some is a sensor of type net_force in its file" if "+" in name else ""
+        if "+" in name:
             raise InputError(
-                f"sensor: the system {self.system} has no {name!r}; it has {', '.join(names)}{hint}"
+                f"sensor: expected the name of one, got {name!r}; a sum of some is a sensor of type "
+                "net_force in the system's file"
             )
-        return names.index(name)
+        return self._place("sensor", name, self.sensors)
 
     def sensor(self, name: str) -> SensorSpec:
         """A sensor by its name; InputError if there is none."""
         return self.sensors[self.index(name)]
+
+    def channel_index(self, name: str | None = None) -> int:
+        """Place of a channel, by default the first; InputError if there is none of this name."""
+        return 0 if name is None else self._place("channel", name, self.channels)
+
+    def channel(self, name: str | None = None) -> Channel:
+        """A channel by its name, the first by default; InputError if there is none."""
+        return self.channels[self.channel_index(name)]
+
+    def commands(
+        self, u: float | Float[np.ndarray, "*batch"], channel: str | None = None
+    ) -> Float[np.ndarray, "*batch channels"]:
+        """u on one channel, the first by default, and 0 on the others [each in its unit]."""
+        commands = np.zeros((*np.shape(u), len(self.channels)))
+        commands[..., self.channel_index(channel)] = u
+        return commands
+
+    def check_commands(
+        self, commands: Float[np.ndarray, "*batch channels"]
+    ) -> Float[np.ndarray, "*batch channels"]:
+        """The commands as floats; InputError unless each is a number within its channel's range."""
+        values = np.asarray(commands, dtype=float)
+        if values.shape[-1:] != (len(self.channels),):
+            names = ", ".join(channel.name for channel in self.channels)
+            raise InputError(f"commands: expected one for each channel ({names}), got shape {values.shape}")
+        for channel, column in zip(self.channels, np.moveaxis(values, -1, 0), strict=True):
+            wrong = column[~((column >= channel.low) & (column <= channel.high))]  # NaN is caught here too
+            if wrong.size:
+                raise InputError(
+                    f"{channel.name}: expected {channel.low:g} to {channel.high:g} {channel.unit}, got "
+                    f"{wrong.flat[0]:g}"
+                )
+        return values
+
+    def _place(self, kind: str, name: str, entries: Sequence[Channel] | Sequence[SensorSpec]) -> int:
+        names = [entry.name for entry in entries]
+        check_name(kind, name, names)
+        return names.index(name)
 
     def output_indices(self) -> list[int]:
         """Places of the estimated sensors among all."""

@@ -14,8 +14,8 @@ from exosight.mechanics.robot import Robot
 from exosight.system.schema import SensorSpec
 
 
-class Reading(NamedTuple):
-    """What sensors may read.
+class SensorInput(NamedTuple):
+    """What sensors are computed from.
 
     robot
     q        (dofs,)                    coordinates
@@ -41,11 +41,11 @@ class ContactForce(eqx.Module):
     surface: str = eqx.field(static=True)
     spheres: tuple[int, ...] = eqx.field(static=True)
 
-    def vector(self, at: Reading) -> Float[Array, "3"]:
+    def vector(self, at: SensorInput) -> Float[Array, "3"]:
         """The summed force itself, in the world [N]."""
         return at.forces[self.surface][jnp.array(self.spheres)].sum(axis=0)
 
-    def read(self, at: Reading) -> Float[Array, ""]:
+    def read(self, at: SensorInput) -> Float[Array, ""]:
         """|Σ f|; the root of 0 has no derivative, but a zone that nothing touches has: 0."""
         squared = jnp.sum(self.vector(at) ** 2)
         pressed = squared > 0
@@ -57,7 +57,7 @@ class NetForce(eqx.Module):
 
     spec: SensorSpec = eqx.field(static=True)
 
-    def read(self, at: Reading) -> Float[Array, ""]:
+    def read(self, at: SensorInput) -> Float[Array, ""]:
         """Σ of the parts."""
         return jnp.stack([at.values[part] for part in self.spec.parts]).sum()
 
@@ -74,7 +74,7 @@ class JointAngle(eqx.Module):
     body: str = eqx.field(static=True)
     coordinate: int = eqx.field(static=True, default=0)
 
-    def read(self, at: Reading) -> Float[Array, ""]:
+    def read(self, at: SensorInput) -> Float[Array, ""]:
         """q of the joint."""
         return at.q[at.robot.dof_slice(self.body).start + self.coordinate]
 

@@ -1,4 +1,4 @@
-"""Equilibria of a system under commands, each approached straight from rest."""
+"""Equilibria of a system under commands: along a path, or each approached straight from rest."""
 
 from typing import NamedTuple
 
@@ -6,44 +6,68 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
-from exosight.errors import InputError
-from exosight.mechanics import Equilibria, drive
+from exosight.errors import ConvergenceError, InputError
+from exosight.mechanics import Equilibria, State, drive
 from exosight.system.observation import Observation, observe
 from exosight.system.system import System, stack_systems
 
+Commands = Float[np.ndarray, "commands channels"]
 
-class Answer(NamedTuple):
-    """What a system does at some commands.
+
+class SystemStates(NamedTuple):
+    """A system at some commands.
 
     commands      (commands, channels)   in the channels' units
     equilibria    of shape (commands, …)
     observation   of shape (commands, …)
     """
 
-    commands: Float[np.ndarray, "commands channels"]
+    commands: Commands
     equilibria: Equilibria
     observation: Observation
 
 
-def simulate_system(system: System, commands: Float[np.ndarray, "commands channels"]) -> Answer:
+def simulate_path(
+    system: System, commands: Commands, q: Float[np.ndarray, " dofs"] | None = None
+) -> SystemStates:
+    """The stable equilibria of a system along a path, each the start of the next.
+
+    commands   in the channels' units
+    q          equilibrium at the first command from which the path starts; by default it starts from rest
+
+    Raises InputError for no command, or one outside the range of its channel; ConvergenceError if there is no
+    stable equilibrium on the way to some command.
+    """
+    commands = _checked(system, commands)
+    loads = system.loads(commands)
+    found = drive([system.robot], loads, state=None if q is None else State(q[None], loads[:1]))
+    if not found.converged.all():
+        lost = commands[int(np.argmin(found.converged[0]))]
+        at = ", ".join(
+            f"{c.name} = {u:g} {c.unit}" for c, u in zip(system.schema.channels, lost, strict=True)
+        )
+        raise ConvergenceError(f"no stable pose at {at}; choose a smaller range")
+    return _observed(system, commands, jax.tree.map(lambda leaf: leaf[0], found))
+
+
+def simulate_system(system: System, commands: Commands) -> SystemStates:
     """The stable equilibrium of a system at each command, approached from rest along a straight line.
+
+    commands   in the channels' units
 
     Raises InputError for no command, or one outside the range of its channel.
     """
-    channels = system.schema.channels
-    commands = np.asarray(commands, float)
-    if commands.ndim != 2 or not len(commands) or commands.shape[1] != len(channels):
-        raise InputError(
-            f"commands: expected (commands, {len(channels)}), one number a channel, got {commands.shape}"
-        )
-    for channel, values in zip(channels, commands.T, strict=True):
-        wrong = values[~((values >= channel.low) & (values <= channel.high))]  # NaN too
-        if wrong.size:
-            raise InputError(
-                f"{channel.name}: expected {channel.low:g} to {channel.high:g} {channel.unit}, got "
-                f"{wrong[0]:g}"
-            )
+    commands = _checked(system, commands)
     found = drive([system.robot] * len(commands), system.loads(commands)[:, None])
-    at: Equilibria = jax.tree.map(lambda leaf: leaf[:, 0], found)
-    seen = observe(stack_systems([system]), at.q[None])
-    return Answer(commands, at, jax.tree.map(lambda leaf: np.asarray(leaf[0]), seen))
+    return _observed(system, commands, jax.tree.map(lambda leaf: leaf[:, 0], found))
+
+
+def _checked(system: System, commands: Commands) -> Commands:
+    if np.ndim(commands) != 2 or not len(commands):
+        raise InputError(f"commands: expected at least one row, a number a channel, got {np.shape(commands)}")
+    return system.schema.check_commands(commands)
+
+
+def _observed(system: System, commands: Commands, found: Equilibria) -> SystemStates:
+    seen = observe(stack_systems([system]), found.q[None])
+    return SystemStates(commands, found, jax.tree.map(lambda leaf: np.asarray(leaf[0]), seen))

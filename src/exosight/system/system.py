@@ -1,7 +1,7 @@
 """A system: bodies, surfaces, contacts, actuators, sensors and cameras, all named, all plural."""
 
-from collections.abc import Iterable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -18,6 +18,7 @@ from exosight.system.camera import Camera
 from exosight.system.schema import Channel, Schema, ViewSpec
 from exosight.system.sensors import ContactForce, JointAngle, Sensor
 from exosight.system.surfaces import SphereSurface, Surface, TubeSurface
+from exosight.validation import check_name, check_unique
 
 Part = TypeVar("Part", bound=eqx.Module)
 
@@ -80,23 +81,23 @@ class System(eqx.Module):
         bodies = [body.name for body in self.bodies]
         surfaces = {surface.name: surface for surface in self.surfaces}
         spheres = [name for name, surface in surfaces.items() if isinstance(surface, SphereSurface)]
-        _check_different("surface", (surface.name for surface in self.surfaces))
-        _check_different("contact", (contact.name for contact in self.contacts))
+        check_unique("surfaces", (surface.name for surface in self.surfaces))
+        check_unique("contacts", (contact.name for contact in self.contacts))
         for contact in self.contacts:
             for side in (contact.first, contact.second):
-                _check_known(f"contact {contact.name}", "sphere surface", side, spheres)
+                check_name(f"sphere surface of contact {contact.name}", side, spheres)
         for sensor in self.sensors:
-            what = f"sensor {sensor.spec.name}"
             if isinstance(sensor, ContactForce):
-                _check_known(what, "sphere surface", sensor.surface, spheres)
+                check_name(f"sphere surface of sensor {sensor.spec.name}", sensor.surface, spheres)
                 surface = surfaces[sensor.surface]
                 count = len(surface.spheres.frames) if isinstance(surface, SphereSurface) else 0
                 if not sensor.spheres or not all(0 <= i < count for i in sensor.spheres):
                     raise InputError(
-                        f"{what}: expected spheres 0…{count - 1} of {sensor.surface}, got {sensor.spheres}"
+                        f"sensor {sensor.spec.name}: expected spheres 0…{count - 1} of {sensor.surface}, got "
+                        f"{sensor.spheres}"
                     )
             if isinstance(sensor, JointAngle):
-                _check_known(what, "body", sensor.body, bodies)
+                check_name(f"body of sensor {sensor.spec.name}", sensor.body, bodies)
 
     @property
     def robot(self) -> Robot:
@@ -124,12 +125,10 @@ class System(eqx.Module):
         """The surfaces that a camera sees, in the order in which they are drawn."""
         return tuple(surface for surface in self.surfaces if isinstance(surface, TubeSurface))
 
-    def camera(self, name: str | None = None) -> Camera:
-        """A camera by its name, the first one by default; InputError if there is none."""
-        if name is None:
-            return self.cameras[0][1]
-        _check_known("camera", "camera", name, [each for each, _ in self.cameras])
-        return dict(self.cameras)[name]
+    @property
+    def camera(self) -> Camera:
+        """The first camera."""
+        return self.cameras[0][1]
 
     def loads(self, commands: Float[np.ndarray, "*batch channels"]) -> Float[np.ndarray, "*batch channels"]:
         """Loads of the robot [N or N m] at commands in the channels' units."""
@@ -152,16 +151,3 @@ def stack_systems(systems: Sequence[Part]) -> Part:
     if len({jax.tree.structure(system) for system in systems}) != 1:
         raise InputError("systems: expected at least one, all of one structure (parts, names, counts)")
     return jax.tree.map(lambda *leaves: np.stack(leaves), *systems)
-
-
-def _check_different(kind: str, names: Iterable[str]) -> None:
-    seen: set[str] = set()
-    for name in names:
-        if name in seen:
-            raise InputError(f"system: two {kind}s are named {name}; give each its own name")
-        seen.add(name)
-
-
-def _check_known(what: str, kind: str, name: Any, known: Sequence[str]) -> None:
-    if name not in known:
-        raise InputError(f"{what}: there is no {kind} {name!r}; there are {', '.join(known) or 'none'}")

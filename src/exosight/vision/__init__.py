@@ -14,7 +14,7 @@ from exosight.vision.corruptions import CORRUPTIONS, add_noise, corrupt, set_con
 from exosight.vision.lighting import Lighting, LightingVariation, draw_lighting
 from exosight.vision.ood_images import HELD_OUT, OOD_KINDS, draw_ood_images
 from exosight.vision.renderer import BACKGROUND, Light, Tube, render
-from exosight.vision.view import moved
+from exosight.vision.view import transformed_points
 
 __all__ = [
     "BACKGROUND",
@@ -35,9 +35,9 @@ __all__ = [
     "draw_appearance",
     "draw_lighting",
     "draw_ood_images",
-    "moved",
     "project",
     "render",
     "resized",
     "set_contrast",
+    "transformed_points",
 ]

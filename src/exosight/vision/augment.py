@@ -12,12 +12,13 @@ import numpy as np
 from jaxtyping import Float64, Integer, UInt8
 
 from exosight.errors import InputError
+from exosight.validation import check_name
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.counter_rng import Seed, uniforms
 from exosight.vision.pixel_loops import edges
 from exosight.vision.renderer import BACKGROUND
 from exosight.vision.transforms import TRANSFORMS
-from exosight.vision.transforms.base import Canvas, Column, Draws, Picture, Row, acts
+from exosight.vision.transforms.base import Canvas, Column, Draws, Picture, Row
 from exosight.vision.view import homographies
 
 Pictures = UInt8[np.ndarray, "frames height width"]
@@ -57,9 +58,8 @@ class Appearance:
 
         Raises InputError for a column that there is not.
         """
-        unknown = sorted(set(changed) - set(COLUMNS))
-        if unknown:
-            raise InputError(f"appearance: there is no column {unknown[0]}; there are {', '.join(COLUMNS)}")
+        for name in changed:
+            check_name("appearance", name, COLUMNS)
         values = _NEUTRAL | changed
         return cls({name: np.broadcast_to(np.asarray(values[name], float), frames) for name in COLUMNS})
 
@@ -120,7 +120,7 @@ def augment(images: Pictures, appearance: Appearance, cover: Pictures | None = N
 def _transformed(
     picture: Picture, row: Row, homography: Float64[np.ndarray, "3 3"], cover: Picture | None
 ) -> Picture:
-    acting = [each for each in TRANSFORMS if acts(each, row)]
+    acting = [each for each in TRANSFORMS if each.acts(row)]
     if cover is None and any(each.separates for each in acting):
         cover = coverage(picture)
     canvas = Canvas(picture, cover, homography, int(row[SEED]))

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from exosight.errors import InputError
+from exosight.validation import check_name
 
 NOISE_MEAN = 0.01  # of full scale, as printed in the paper
 
@@ -47,7 +48,7 @@ def corrupt(
     """One of the paper's CORRUPTIONS, by name.
 
     The noise on a frame depends on its size, the seed and its number alone, so a set that is corrupted in
-    batches, each told the number of its `first` frame, comes out as it does in one call. It repeats
+    batches, each with the number of its `first` frame, comes out as it does in one call. It repeats
     exactly on any machine with the same release of NumPy.
 
     images   (frames, height, width)  gray 0…255
@@ -55,10 +56,7 @@ def corrupt(
     Raises InputError for an unknown name, a negative seed or first, or images of another kind.
     """
     _check_images(images)
-    if name not in CORRUPTIONS:
-        raise InputError(
-            f"corruption: expected one of {', '.join(CORRUPTIONS)}, got {name!r}; choose one of these"
-        )
+    check_name("corruption", name, CORRUPTIONS)
     if seed < 0 or first < 0:
         raise InputError(
             f"seed and first: expected 0 or more, got {seed} and {first}; use other whole numbers"

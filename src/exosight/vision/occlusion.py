@@ -58,7 +58,7 @@ def occluder(
     return cv2.blur(mask.reshape(picture.shape), (3, 3))  # a soft edge; a mean leaves the share as it is
 
 
-def put_before(picture: Picture, mask: Picture, shade: float) -> Picture:
+def overlay(picture: Picture, mask: Picture, shade: float) -> Picture:
     """The picture behind a flat object of this gray, 0…1."""
     weight = mask.astype(np.float32) / 255
     return (picture + weight * (255 * np.float32(shade) - picture) + 0.5).astype(np.uint8)

@@ -8,6 +8,7 @@ from jaxtyping import Int, UInt8
 
 from exosight.errors import InputError
 from exosight.system.camera import Camera
+from exosight.validation import check_name
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.background import HELD_OUT_BACKGROUNDS
 from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS
@@ -33,8 +34,7 @@ def draw_ood_images(
 
     Raises InputError for an unknown kind, a negative count or seed, or a side below 16 pixels.
     """
-    if kind not in OOD_KINDS:
-        raise InputError(f"kind: expected one of {', '.join(OOD_KINDS)}, got {kind!r}")
+    check_name("kind", kind, OOD_KINDS)
     if count < 0 or seed < 0 or min(width, height) < 16:
         raise InputError(
             f"images: expected a count and a seed from 0 and sides from 16 pixels, "

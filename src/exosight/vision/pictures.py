@@ -49,16 +49,9 @@ def decode_gray(data: bytes, name: str, width: int, height: int) -> UInt8[np.nda
         raise DataError(f"{name}: {columns}×{rows} pixels, at most {LARGEST_SIDE} a side are read")
     # Within one pixel of the smaller picture.
     if abs(columns * height - rows * width) > max(rows, columns, width, height):
-        raise DataError(
-            f"{name}: expected {_proportions(width, height)}, got {columns}×{rows} pixels; crop it"
-        )
+        expected = "a square picture" if width == height else f"the aspect ratio {width}:{height}"
+        raise DataError(f"{name}: expected {expected}, got {columns}×{rows} pixels; crop it")
     return resized(picture, width, height)
-
-
-def _proportions(width: int, height: int) -> str:
-    if width == height:
-        return "a square picture"
-    return f"the aspect ratio {width}:{height}"
 
 
 def resized(

@@ -37,20 +37,19 @@ def tubes(
 
 
 def picture(
-    system: System, axes: Axes, lighting: Lighting | None = None, camera: str | None = None
+    system: System, axes: Axes, lighting: Lighting | None = None
 ) -> UInt8[np.ndarray, "frames height width"]:
-    """Gray pictures of a system.
+    """Gray pictures of a system, as its first camera sees it.
 
     lighting  shades and light of each frame; by default the nominal ones
-    camera    name of the system's camera; the first by default
     returns   (frames, height, width)  gray 0…255
     """
     if lighting is None:
-        return render(tubes(system, axes), system.camera(camera))
-    return render(tubes(system, axes, list(lighting.shades.T)), system.camera(camera), lighting.light)
+        return render(tubes(system, axes), system.camera)
+    return render(tubes(system, axes, list(lighting.shades.T)), system.camera, lighting.light)
 
 
-def cover(system: System, axes: Axes, camera: str | None = None) -> UInt8[np.ndarray, "frames height width"]:
+def cover(system: System, axes: Axes) -> UInt8[np.ndarray, "frames height width"]:
     """How much of each pixel the tubes cover, 0…255, as `exosight.vision.augment` takes it."""
-    black = render(tubes(system, axes, [0.0] * len(system.tubes)), system.camera(camera))
+    black = render(tubes(system, axes, [0.0] * len(system.tubes)), system.camera)
     return np.rint((1 - np.arange(BACKGROUND + 1) / BACKGROUND) * 255).astype(np.uint8)[black]

@@ -45,7 +45,7 @@ def homographies(columns: Columns, width: int, height: int) -> Float64[np.ndarra
     return tilted @ turned
 
 
-def moved(
+def transformed_points(
     columns: Columns, points: Float[np.ndarray, "frames points 2"], width: int, height: int
 ) -> Float64[np.ndarray, "frames points 2"]:
     """Where points of the nominal pictures are seen.
@@ -66,7 +66,7 @@ def moved(
     return middle + shift[:, None] + stretch * e
 
 
-def seen(
+def remapped(
     pictures: tuple[Picture, ...],
     homography: Float64[np.ndarray, "3 3"],
     distortion: float,

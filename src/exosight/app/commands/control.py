@@ -67,5 +67,5 @@ def control(
     with results_folder(out) as folder:
         trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
         if folder is not None:
-            write_trials(trials, model and str(model), driven.camera(), folder)
+            write_trials(trials, model and str(model), driven.camera, folder)
     show_or_write([trials_table(trials)], {"trials": summaries(trials)}, json)

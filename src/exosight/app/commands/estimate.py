@@ -46,7 +46,7 @@ def estimate(
         raise InputError("estimate: expected at least one picture, got none; see exosight estimate --help")
     estimator = OnnxEstimator.load(model or DEFAULT_MODEL, alone=True)
     schema = estimator.card.schema
-    height, width = estimator.card.image_size
+    height, width = estimator.card.schema.image_size
     found = []
     for path in images:
         read = estimator.read(read_gray(path, width, height)[None], level)

@@ -2,8 +2,8 @@
 
 config     what may go wrong, and how often
 plants     which systems the episodes are about, and by how much they differ
-episodes   what happens in an episode: target, user, system, camera, lost and spoiled frames
-frames     what a controller gets to see of it: late, lost, repeated, noisy or hidden pictures
+episodes   what happens in an episode: target, user, system, camera, lost and corrupted frames
+frames     frames that reach a controller: late, lost, repeated, noisy or occluded
 suite      all episodes of one controller in closed loop
 measures   settling, overshoot, errors, limits, release, from what was recorded
 

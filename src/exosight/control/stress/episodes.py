@@ -16,7 +16,7 @@ from exosight.system.system import System
 
 @dataclass(frozen=True)
 class Burst:
-    """A spell in which pictures are spoilt.
+    """An interval in which images are corrupted.
 
     first, last  steps, the last one included
     hidden       share of the picture that an object covers; 0: noise instead
@@ -33,7 +33,7 @@ class Burst:
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """All that an episode holds in store, a row a step of 0.1 s.
+    """All that happens in an episode, a row a step of 0.1 s.
 
     kind       of target
     system     the one that is driven
@@ -74,7 +74,7 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
     held, after = round(config.hold_seconds * RATE), round(config.release_seconds * RATE)
     steps = held + after
     kind = KINDS[number % len(KINDS)]
-    camera = plants.nominal.camera()
+    camera = plants.nominal.camera
     system = plants.other(seed, number) if config.wrong_plant else plants.nominal
     springs, share = _joints(system)
     x, z, scale = rng.uniform(-1, 1, 3).tolist()

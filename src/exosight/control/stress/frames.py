@@ -1,4 +1,4 @@
-"""What controllers get to see of many plants: pictures that come late, not at all, twice, or spoilt."""
+"""Frames that reach the controllers of many plants: late, lost, repeated or corrupted."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ from exosight.control.guard import Measurement
 from exosight.control.loop import RATE
 from exosight.control.stress.episodes import Burst, Episode
 from exosight.vision.corruptions import add_noise
-from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS, OCCLUSIONS, occluder, put_before
+from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS, OCCLUSIONS, occluder, overlay
 
 Images = UInt8[np.ndarray, "episodes height width"]
 Look = Callable[[BatchPlant, Sequence[Episode], int], tuple[Images, Reading]]
@@ -28,14 +28,14 @@ def camera_sensor(estimator: Reader) -> Look:
         )
         for image, episode in zip(images, episodes, strict=True):
             for burst in _now(episode, step):
-                image[:] = _spoilt(image, burst, step)
+                image[:] = _corrupted(image, burst, step)
         return images, estimator.read(images)
 
     return sense
 
 
 def true_sensor(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
-    """What the simulation knows, no network: noise scatters each output by up to 0.03 of its unit, and
+    """The true readings, without a network: noise scatters each output by up to 0.03 of its unit, and
     whatever hides a picture is always noticed.
 
     The pictures are a few bytes that differ where outputs do, for the guard to compare.
@@ -77,9 +77,7 @@ class FrameDelivery:
             images, reading, commands = self._past[max(-1 - episode.latency, -len(self._past))]
             image, read = images[i], _row(reading, i)
             if episode.again[step] and (before := self._last[i]) is not None:
-                image, read = (
-                    before  # the camera does not notice: its age and commands are those of a new one
-                )
+                image, read = before  # reported as a new one: its age and commands are those of a new one
             self._last[i] = image, read
             seen.append(
                 Measurement()
@@ -100,11 +98,11 @@ def _now(episode: Episode, step: int) -> list[Burst]:
     return [burst for burst in episode.bursts if burst.first <= step <= burst.last]
 
 
-def _spoilt(image: np.ndarray, burst: Burst, step: int) -> np.ndarray:
+def _corrupted(image: np.ndarray, burst: Burst, step: int) -> np.ndarray:
     if not burst.hidden:
         rng = np.random.default_rng([burst.seed, step])
         return add_noise(image[None], burst.noise, rng)[0]
-    # One object for the whole spell.
+    # One object for the whole interval.
     rng = np.random.default_rng(burst.seed)
     kinds = (*OCCLUSIONS, *HELD_OUT_OCCLUSIONS)
     kind, at, angle, shade = (
@@ -113,4 +111,4 @@ def _spoilt(image: np.ndarray, burst: Burst, step: int) -> np.ndarray:
         rng.uniform(0, np.pi),
         rng.random(),
     )
-    return put_before(image, occluder(kind, image, burst.hidden, at, angle, burst.seed), shade)
+    return overlay(image, occluder(kind, image, burst.hidden, at, angle, burst.seed), shade)

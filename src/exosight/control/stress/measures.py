@@ -12,7 +12,7 @@ import numpy as np
 from exosight.control.guard import State
 from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig
-from exosight.control.responses import judge_response
+from exosight.control.responses import measure_response
 from exosight.control.scheduled import RELEASED
 from exosight.control.stress.episodes import Episode
 from exosight.control.stress.suite import Traces
@@ -25,7 +25,7 @@ _ROUND_OFF = 1e-9  # of sums of commands, as a share of the channel's peak
 
 @dataclass(frozen=True)
 class Measured:
-    """One episode, judged on the true force. NaN: does not apply, or never happened."""
+    """One episode, measured on the true force. NaN: does not apply, or never happened."""
 
     kind: str
     """of target"""
@@ -63,7 +63,7 @@ def measure_episode(episode: Episode, traces: Traces, number: int, limits: Contr
     contacts = outputs[:, [spec.quantity == "contact force" for spec in limits.schema.estimated]]
     settling = overshoot = steady = math.nan
     if episode.kind in ("constant", "snap"):
-        found = judge_response(np.arange(len(target)) / RATE, target, net, u, limits.driven)
+        found = measure_response(np.arange(len(target)) / RATE, target, net, u, limits.driven)
         settling, overshoot = found.settling_steps, found.overshoot_percent
         steady = 100 * abs(found.steady_state_error) / target[0]
     held = slice(round(RATE), episode.drop)

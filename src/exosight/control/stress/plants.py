@@ -41,7 +41,7 @@ _AROUND_SNAP = (0.92, 1.03)  # of the readings before and after the largest jump
 class StressPlants:
     """What a stress run is about.
 
-    limits        what the controllers know of the nominal system
+    limits        model of the nominal system that the controllers have
     nominal       the system that they were tuned for
     other         a system that differs from it, by (seed, number)
     targets       smallest and largest target by default [the sensor's unit]

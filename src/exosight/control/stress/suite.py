@@ -23,7 +23,7 @@ class Controller(Protocol):
     log: list[Transition]
 
     def reset(self) -> None:
-        """Forget everything: the plant stands at u = 0."""
+        """Return to the initial state, at u = 0."""
         ...
 
     def step(self, target: float, measurement: Measurement) -> float:
@@ -32,9 +32,9 @@ class Controller(Protocol):
 
 
 class Unguarded:
-    """A law without a guard: it believes whatever it is told, however old, and leaves u where nothing comes.
+    """A law without a guard: it acts on every estimate, however old, and leaves u where there is none.
 
-    law      told the controlled sensor, not a number where no frame came
+    law      gets the controlled sensor, NaN where no frame came
     weights  (outputs,)  of the estimated sensors in it
     """
 
@@ -43,7 +43,7 @@ class Unguarded:
         self.log: list[Transition] = []
 
     def reset(self) -> None:
-        """Forget everything: the plant stands at u = 0."""
+        """Return to the initial state, at u = 0."""
         self._law.reset()
 
     def step(self, target: float, measurement: Measurement) -> float:
@@ -59,7 +59,7 @@ class Traces:
     command     (episodes, steps)            asked for [the driven channel's unit]
     outputs     (episodes, steps, outputs)   true readings of the estimated sensors [each in its unit]
     true        (episodes, steps)            true reading of the controlled sensor [its unit]
-    estimated   (episodes, steps)            as the controller was told it before the step; NaN: nothing
+    estimated   (episodes, steps)            that the controller got before the step; NaN: none
     converged   (episodes, steps)            the plant reached the command asked for
     logs        what each controller's guard did
     """
@@ -82,7 +82,7 @@ def run_episodes(
 ) -> Traces:
     """Every episode with its own controller, all from rest.
 
-    look     `camera_sensor(estimator)`, or `true_sensor` for what the simulation knows
+    look     `camera_sensor(estimator)`, or `true_sensor` for true readings
     config   which sensor is controlled and which channel is driven; the others rest at 0
     done     called with (steps done, steps in all)
 

@@ -1,8 +1,9 @@
 """What a transform is, what it draws from, and what it changes."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Protocol, runtime_checkable
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -18,29 +19,27 @@ Row = Mapping[str, float]
 TURN = 2 * np.pi
 
 
-@runtime_checkable
-class Transform(Protocol):
+class Transform(ABC):
     """One thing that may become of a picture."""
 
     columns: ClassVar[Mapping[str, float]]
     """Its numbers by name, each with the value that does nothing."""
     switches: ClassVar[tuple[str, ...]]
     """Those of its columns by which it acts: on frames where one of them differs from that value."""
-    separates: ClassVar[bool]
+    separates: ClassVar[bool] = False
     """Whether it must tell the bodies from what is behind them."""
 
+    @abstractmethod
     def draw(self, limits: AppearanceVariation, draws: "Draws") -> dict[str, Column]:
         """Its columns for some frames."""
-        ...
 
+    @abstractmethod
     def apply(self, canvas: "Canvas", row: Row) -> None:
         """Change the canvas of a frame with these numbers, on which it acts."""
-        ...
 
-
-def acts(transform: Transform, row: Row) -> bool:
-    """Whether a transform changes a frame with these numbers."""
-    return any(row[name] != transform.columns[name] for name in transform.switches)
+    def acts(self, row: Row) -> bool:
+        """Whether it changes a frame with these numbers."""
+        return any(row[name] != self.columns[name] for name in self.switches)
 
 
 @dataclass(frozen=True)

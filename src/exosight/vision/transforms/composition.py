@@ -6,8 +6,8 @@ from typing import ClassVar
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.background import BACKGROUNDS, HELD_OUT_BACKGROUNDS, Background, background
 from exosight.vision.occlusion import draw_fingers
-from exosight.vision.transforms.base import TURN, Canvas, Column, Draws, Row
-from exosight.vision.view import seen
+from exosight.vision.transforms.base import TURN, Canvas, Column, Draws, Row, Transform
+from exosight.vision.view import remapped
 
 BACKGROUND_KINDS: tuple[Background, ...] = BACKGROUNDS + HELD_OUT_BACKGROUNDS
 """What the column `background` counts, from 1; 0 is the renderer's."""
@@ -15,7 +15,7 @@ BACKGROUND_KINDS: tuple[Background, ...] = BACKGROUNDS + HELD_OUT_BACKGROUNDS
 BEHIND, TEXTURE = 1, 4  # what a frame's seed is used for; 2 and 3 are those of the foreground
 
 
-class View:
+class View(Transform):
     """Another camera, see `exosight.vision.view`."""
 
     columns: ClassVar[Mapping[str, float]] = {
@@ -27,16 +27,7 @@ class View:
         "tilt_y": 0.0,  # about its vertical axis [rad]; positive takes its right half away
         "distortion": 0.0,  # radial, at a corner, as a share of its distance; positive is a pincushion
     }
-    switches: ClassVar[tuple[str, ...]] = (
-        "shift_x",
-        "shift_y",
-        "roll",
-        "zoom",
-        "tilt_x",
-        "tilt_y",
-        "distortion",
-    )
-    separates: ClassVar[bool] = False
+    switches = tuple(columns)
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """Each either way."""
@@ -55,19 +46,19 @@ class View:
         height, width = canvas.bodies.shape
         shift = (row["shift_x"] * width, row["shift_y"] * height)
         layers = (canvas.bodies,) if canvas.cover is None else (canvas.bodies, canvas.cover)
-        canvas.bodies, *rest = seen(layers, canvas.homography, row["distortion"], shift)
+        canvas.bodies, *rest = remapped(layers, canvas.homography, row["distortion"], shift)
         canvas.cover = rest[0] if rest else None
 
 
-class BodyContrast:
+class BodyContrast(Transform):
     """Grays of the bodies moved into a narrower range."""
 
     columns: ClassVar[Mapping[str, float]] = {
         "body_dark": 0.0,  # what black becomes on the bodies, 0…1
         "body_range": 0.0,  # range of grays that the bodies lose, 0…1
     }
-    switches: ClassVar[tuple[str, ...]] = ("body_range",)
-    separates: ClassVar[bool] = True
+    switches = ("body_range",)
+    separates = True
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """The range, and where within 0…1 it lies."""
@@ -79,7 +70,7 @@ class BodyContrast:
         canvas.dark, canvas.contrast = row["body_dark"], 1.0 - row["body_range"]
 
 
-class Backdrop:
+class Backdrop(Transform):
     """A pattern behind the bodies, see `exosight.vision.background`."""
 
     columns: ClassVar[Mapping[str, float]] = {
@@ -89,8 +80,8 @@ class Backdrop:
         "background_size": 0.0,  # its features' size, as a share of the width
         "background_angle": 0.0,  # its angle [rad]
     }
-    switches: ClassVar[tuple[str, ...]] = ("background",)
-    separates: ClassVar[bool] = True
+    switches = ("background",)
+    separates = True
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """A kind, and a pattern of which neither end is clipped."""
@@ -119,12 +110,12 @@ class Backdrop:
         )
 
 
-class FingersBehind:
+class FingersBehind(Transform):
     """Other fingers behind the bodies."""
 
     columns: ClassVar[Mapping[str, float]] = {"fingers_behind": 0.0}  # their number
-    switches: ClassVar[tuple[str, ...]] = ("fingers_behind",)
-    separates: ClassVar[bool] = True
+    switches = ("fingers_behind",)
+    separates = True
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """Any number up to the limit."""

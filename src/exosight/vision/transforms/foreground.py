@@ -10,9 +10,9 @@ from exosight.vision.occlusion import (
     Occlusion,
     draw_fingers,
     occluder,
-    put_before,
+    overlay,
 )
-from exosight.vision.transforms.base import TURN, Canvas, Column, Draws, Row
+from exosight.vision.transforms.base import TURN, Canvas, Column, Draws, Row, Transform
 
 OCCLUSION_KINDS: tuple[Occlusion, ...] = OCCLUSIONS + HELD_OUT_OCCLUSIONS
 """What the column `occlusion` counts, from 1; 0 is none."""
@@ -20,12 +20,11 @@ OCCLUSION_KINDS: tuple[Occlusion, ...] = OCCLUSIONS + HELD_OUT_OCCLUSIONS
 BEFORE, FRONT = 2, 3  # what a frame's seed is used for; 1 and 4 are those of the composition
 
 
-class FingersInFront:
+class FingersInFront(Transform):
     """Other fingers in front of the bodies."""
 
     columns: ClassVar[Mapping[str, float]] = {"fingers_in_front": 0.0}  # their number
-    switches: ClassVar[tuple[str, ...]] = ("fingers_in_front",)
-    separates: ClassVar[bool] = False
+    switches = ("fingers_in_front",)
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """Any number up to the limit."""
@@ -37,7 +36,7 @@ class FingersInFront:
         draw_fingers(canvas.picture, int(row["fingers_in_front"]), canvas.own(FRONT))
 
 
-class Occluder:
+class Occluder(Transform):
     """An object that hides a part of the bodies, see `exosight.vision.occlusion`."""
 
     columns: ClassVar[Mapping[str, float]] = {
@@ -47,8 +46,7 @@ class Occluder:
         "occlusion_angle": 0.0,  # its angle [rad]
         "occlusion_shade": 0.0,  # its gray, 0…1
     }
-    switches: ClassVar[tuple[str, ...]] = ("occlusion",)
-    separates: ClassVar[bool] = False
+    switches = ("occlusion",)
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """A kind, and where on the bodies."""
@@ -67,4 +65,4 @@ class Occluder:
         kind = OCCLUSION_KINDS[int(row["occlusion"]) - 1]
         share, place, angle = row["occluded"], row["occlusion_at"], row["occlusion_angle"]
         mask = occluder(kind, canvas.bodies, share, place, angle, canvas.own(BEFORE))
-        canvas.picture = put_before(canvas.picture, mask, row["occlusion_shade"])
+        canvas.picture = overlay(canvas.picture, mask, row["occlusion_shade"])

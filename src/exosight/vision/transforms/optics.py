@@ -10,10 +10,10 @@ from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.corruptions import NOISE_MEAN
 from exosight.vision.counter_rng import normal_quantiles
 from exosight.vision.pixel_loops import expose, illuminate
-from exosight.vision.transforms.base import TURN, Canvas, Column, Draws, Row
+from exosight.vision.transforms.base import TURN, Canvas, Column, Draws, Row, Transform
 
 
-class Illumination:
+class Illumination(Transform):
     """Uneven light."""
 
     columns: ClassVar[Mapping[str, float]] = {
@@ -21,8 +21,7 @@ class Illumination:
         "gradient_angle": 0.0,  # where it becomes brighter, clockwise from the right [rad]
         "vignette": 0.0,  # relative loss of brightness at the corners
     }
-    switches: ClassVar[tuple[str, ...]] = ("gradient", "vignette")
-    separates: ClassVar[bool] = False
+    switches = ("gradient", "vignette")
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """In any direction."""
@@ -41,12 +40,11 @@ class Illumination:
         canvas.picture = lit
 
 
-class Blur:
+class Blur(Transform):
     """A lens out of focus."""
 
     columns: ClassVar[Mapping[str, float]] = {"blur": 0.0}  # standard deviation of Gaussian blur [pixels]
-    switches: ClassVar[tuple[str, ...]] = ("blur",)
-    separates: ClassVar[bool] = False
+    switches = ("blur",)
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """Up to the limit."""
@@ -58,15 +56,14 @@ class Blur:
         canvas.picture = np.asarray(blurred, np.uint8)
 
 
-class MotionBlur:
+class MotionBlur(Transform):
     """A camera that moves while it exposes."""
 
     columns: ClassVar[Mapping[str, float]] = {
         "motion": 0.0,  # length of the motion [pixels]
         "motion_angle": 0.0,  # its direction, clockwise from the right [rad]
     }
-    switches: ClassVar[tuple[str, ...]] = ("motion",)
-    separates: ClassVar[bool] = False
+    switches = ("motion",)
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """In any direction."""
@@ -82,7 +79,7 @@ class MotionBlur:
         canvas.picture = np.asarray(blurred, np.uint8)
 
 
-class Exposure:
+class Exposure(Transform):
     """What each gray becomes on the sensor, with noise."""
 
     columns: ClassVar[Mapping[str, float]] = {
@@ -92,8 +89,7 @@ class Exposure:
         "noise": 0.0,  # variance of Gaussian noise [full scale²]; its mean is the paper's
         "shot": 0.0,  # variance of shot noise at white [full scale²]
     }
-    switches: ClassVar[tuple[str, ...]] = ("gamma", "dark", "range", "noise", "shot")
-    separates: ClassVar[bool] = False
+    switches = ("gamma", "dark", "range", "noise", "shot")
 
     def draw(self, limits: AppearanceVariation, draws: Draws) -> dict[str, Column]:
         """As many frames at every standard deviation of noise: the square of an even number."""
