@@ -21,7 +21,11 @@ def robot(design: jax.Array | np.ndarray) -> Robot:
     r0, r1, length, young, stiffness = design
     surface, slope = jnp.asarray(r0 + (r1 - r0) * X), jnp.asarray((r1 - r0) * jnp.ones_like(X))
     nominal = assemble_surface(surface, slope, length, Exosuit())
-    return eqx.tree_at(lambda of: (of[ROD].young, of.terms[1].stiffness), nominal, (young, stiffness))
+    return eqx.tree_at(
+        lambda of: (of[ROD].young, of.terms[1].stiffness),
+        nominal,
+        (jnp.asarray(young), jnp.asarray(stiffness)),
+    )
 
 
 def net_force(of: Robot, q: jax.Array | np.ndarray) -> jax.Array:

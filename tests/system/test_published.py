@@ -1,5 +1,6 @@
 """The published system is the robot that the paper's exosuit assembles to."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -20,7 +21,7 @@ def test_equilibria_and_readings_are_those_of_the_robot() -> None:
     ours, theirs = drive([system.robot], LOADS), drive([robot], LOADS)
     np.testing.assert_allclose(ours.q, theirs.q, atol=1e-12)
     (contact,) = (term for term in robot.terms if isinstance(term, SphereContact))
-    for q in ours.q[0]:
+    for q in jnp.asarray(ours.q[0]):
         observed, motion = observe_state(system, q), walk(robot, q)
         pushes = contact.forces(robot, motion.position)[1]
         forces = np.linalg.norm(pushes, axis=-1)

@@ -23,11 +23,11 @@ from exosight.mechanics.evaluator import by_program, by_xla, program_of
 from exosight.mechanics.metric import metric_of
 from exosight.scalar_program import Unrolled
 
-ROOM = 8, 64
-"""Loads that a lane takes at a time, on short paths and on others; longer ones go on in the same lane.
+ROOM = 32
+"""Loads that a lane takes at a time; longer paths go on in the same lane.
 
-Two sizes, so two compilations at most. A single load needs less than the first, but the robot's Hessian at
-each (5 KiB for the worn exosuit) costs less than another compilation."""
+One number for all paths, so one compilation. A single load needs less, but the robot's Hessian at each (5 KiB
+for the published exosuit) costs less than another compilation."""
 
 
 class Snap(NamedTuple):
@@ -91,8 +91,6 @@ def solve(
     on_cpu = jax.default_backend() == "cpu"
     # As suits the device (eight share the cache of a core), but no more than the robots fill.
     lanes = min(options.lanes or (8 if on_cpu else 2048), 1 << max(0, robots - 1).bit_length())
-    short, long = ROOM
-    room = short if count <= short else long
     shapes = tuple(leaf.shape[1:] for leaf in problems.leaves)
     channels = problems.loads.shape[2]
     program = program_of(problems.structure, shapes, channels) if options.unrolled else None
@@ -109,7 +107,7 @@ def solve(
         numbers += [-1] * (lanes - len(numbers))
         rows = [leaf[filled] for leaf in problems.leaves]
         first = [0] * lanes  # index of the first load of the part that a lane is on
-        lane = jax.tree.map(lambda *parts: np.array(parts), *(_part(problems, i, 0, room) for i in filled))
+        lane = jax.tree.map(lambda *parts: np.array(parts), *(_part(problems, i, 0) for i in filled))
         empty = np.array(numbers) < 0
         lane.state.load[empty] = lane.total[empty]
         while any(i >= 0 for i in numbers) and not queue.stopped:
@@ -135,7 +133,7 @@ def solve(
                     first[at] = 0
                     for into, leaf in zip(rows, problems.leaves, strict=True):
                         into[at] = leaf[number]
-                part = _part(problems, number, first[at], room, found)
+                part = _part(problems, number, first[at], found)
                 for into, row in zip(jax.tree.leaves(lane), jax.tree.leaves(part), strict=True):
                     into[at] = row
 
@@ -162,16 +160,16 @@ class _Lane(NamedTuple):
     state: ContinuationState
 
 
-def _part(problems: Problems, number: int, first: int, room: int, found: Solutions | None = None) -> _Lane:
+def _part(problems: Problems, number: int, first: int, found: Solutions | None = None) -> _Lane:
     """The loads of a robot from `first` on, starting from what was found before."""
-    loads = problems.loads[number, first : first + room]
+    loads = problems.loads[number, first : first + ROOM]
     total = len(loads)
-    if total < room:
-        loads = np.concatenate([loads, np.repeat(loads[-1:], room - total, axis=0)])
+    if total < ROOM:
+        loads = np.concatenate([loads, np.repeat(loads[-1:], ROOM - total, axis=0)])
     q, origin = problems.q[number], problems.origin[number]
     if first and found is not None:
         q, origin = found.q[number, first - 1], found.load[number, first - 1]
-    return _Lane(loads, np.array(total), begin(q, origin, room))
+    return _Lane(loads, np.array(total), begin(q, origin, ROOM))
 
 
 def _nothing(problems: Problems) -> Solutions:
