@@ -13,7 +13,7 @@ READINGS, WARM_UP = 2000, 50
 def run() -> dict[str, str | int | float]:
     """Median and 99th percentile of a whole reading: forces, intervals, contact, OOD score [ms]."""
     estimator = OnnxEstimator.load(DEFAULT_MODEL, threads=1)
-    size = (READINGS, 1, estimator.card.image_height, estimator.card.image_width)
+    size = (READINGS, 1, *estimator.card.schema.image_size)
     images = np.random.default_rng(0).integers(0, 256, size, np.uint8)
     seconds = []
     for image in images:
