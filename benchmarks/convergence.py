@@ -31,6 +31,7 @@ from exosight.mechanics import (
     Robot,
     Rod,
     SolverOptions,
+    State,
     drive,
     potential,
     walk,
@@ -193,11 +194,12 @@ def newton_residuals() -> dict[str, list[float]]:
     """The solver's residual after so many iterations, from the equilibrium at one load to that at another."""
 
     def line(robot: Robot, path: Sequence[float], load: float) -> list[float]:
-        q = drive([robot], np.array(path)[:, None]).q[:, -1]
+        start = State(drive([robot], np.array(path)[:, None]).q[:, -1], np.array([[load]]))
         residuals = []
         for most in range(1, 16):
             options = SolverOptions(tolerance=1e-15, max_iterations=most)
-            residuals.append(float(drive([robot], np.array([[load]]), q=q, options=options).residual[0, 0]))
+            found = drive([robot], np.array([[load]]), state=start, options=options)
+            residuals.append(float(found.residual[0, 0]))
             if residuals[-1] < 1e-12:  # round-off is near
                 break
         return residuals

@@ -87,55 +87,21 @@ def solve(
 
     done   called with the number of robots finished, as they finish
     """
-    robots, count = problems.loads.shape[:2]
+    robots, channels = len(problems.loads), problems.loads.shape[2]
     on_cpu = jax.default_backend() == "cpu"
     # As suits the device (eight share the cache of a core), but no more than the robots fill.
     lanes = min(options.lanes or (8 if on_cpu else 2048), 1 << max(0, robots - 1).bit_length())
     shapes = tuple(leaf.shape[1:] for leaf in problems.leaves)
-    channels = problems.loads.shape[2]
     program = program_of(problems.structure, shapes, channels) if options.unrolled else None
     compiled = _compiled(problems.structure, program)
     queue = _Queue(robots)
     found = _nothing(problems)
 
+    def step(rows: list[np.ndarray], lane: _Lane, enough: int) -> tuple[ContinuationState, Array]:
+        return compiled(rows, lane, options.tolerance, options.max_iterations, enough)
+
     def work() -> None:
-        numbers = queue.take(lanes)
-        if not numbers:
-            return
-        # A lane without a robot holds a copy of the first one, but stands still.
-        filled = numbers + [numbers[0]] * (lanes - len(numbers))
-        numbers += [-1] * (lanes - len(numbers))
-        rows = [leaf[filled] for leaf in problems.leaves]
-        first = [0] * lanes  # index of the first load of the part that a lane is on
-        lane = jax.tree.map(lambda *parts: np.array(parts), *(_part(problems, i, 0) for i in filled))
-        empty = np.array(numbers) < 0
-        lane.state.load[empty] = lane.total[empty]
-        while any(i >= 0 for i in numbers) and not queue.stopped:
-            # While robots wait, come back as soon as a quarter of the lanes is free for them.
-            enough = min(lanes, numbers.count(-1) + max(1, lanes // 4))
-            state, metrics = compiled(rows, lane, options.tolerance, options.max_iterations, enough)
-            lane, metrics = lane._replace(state=jax.tree.map(np.array, state)), np.asarray(metrics)
-            full = lane.state.snaps >= SNAPS // 2
-            arrived = lane.state.load == lane.total
-            for at in np.flatnonzero((full | arrived) & (np.array(numbers) >= 0)).tolist():
-                number, start = numbers[at], first[at]
-                _keep_snaps(found, lane.state, at, number, start)
-                lane.state.snaps[at] = 0
-                if not arrived[at]:
-                    continue
-                first[at] = start + int(lane.total[at])
-                _keep(found, lane.state.records, at, number, slice(start, first[at]), metrics[at])
-                if first[at] == count:
-                    done(1)
-                    numbers[at] = number = next(iter(queue.take(1)), -1)
-                    if number < 0:
-                        continue
-                    first[at] = 0
-                    for into, leaf in zip(rows, problems.leaves, strict=True):
-                        into[at] = leaf[number]
-                part = _part(problems, number, first[at], found)
-                for into, row in zip(jax.tree.leaves(lane), jax.tree.leaves(part), strict=True):
-                    into[at] = row
+        _fill_lanes(problems, lanes, step, queue, found, done)
 
     # Compiled calls release Python's lock, so one thread a core keeps every core busy.
     workers = min(cores(), -(-robots // lanes)) if on_cpu else 1
@@ -150,6 +116,57 @@ def solve(
             queue.stopped = True
             raise
     return found
+
+
+def _fill_lanes(
+    problems: Problems,
+    lanes: int,
+    step: Callable[..., tuple[ContinuationState, Array]],
+    queue: "_Queue",
+    found: Solutions,
+    done: Callable[[int], None],
+) -> None:
+    """The work of one thread: so many lanes, each given another robot once it is done, until none waits.
+
+    step   (robots' arrays, lanes, how many must be done) -> (states, metrics)
+    """
+    numbers = queue.take(lanes)
+    if not numbers:
+        return
+    # A lane without a robot holds a copy of the first one, but stands still.
+    filled = numbers + [numbers[0]] * (lanes - len(numbers))
+    numbers += [-1] * (lanes - len(numbers))
+    rows = [leaf[filled] for leaf in problems.leaves]
+    first = [0] * lanes  # index of the first load of the part that a lane is on
+    lane = jax.tree.map(lambda *parts: np.array(parts), *(_part(problems, i, 0) for i in filled))
+    empty = np.array(numbers) < 0
+    lane.state.load[empty] = lane.total[empty]
+    while any(i >= 0 for i in numbers) and not queue.stopped:
+        # While robots wait, come back as soon as a quarter of the lanes is free for them.
+        enough = min(lanes, numbers.count(-1) + max(1, lanes // 4))
+        state, metrics = step(rows, lane, enough)
+        lane, metrics = lane._replace(state=jax.tree.map(np.array, state)), np.asarray(metrics)
+        full = lane.state.snaps >= SNAPS // 2
+        arrived = lane.state.load == lane.total
+        for at in np.flatnonzero((full | arrived) & (np.array(numbers) >= 0)).tolist():
+            number, start = numbers[at], first[at]
+            _keep_snaps(found, lane.state, at, number, start)
+            lane.state.snaps[at] = 0
+            if not arrived[at]:
+                continue
+            first[at] = start + int(lane.total[at])
+            _keep(found, lane.state.records, at, number, slice(start, first[at]), metrics[at])
+            if first[at] == problems.loads.shape[1]:
+                done(1)
+                numbers[at] = number = next(iter(queue.take(1)), -1)
+                if number < 0:
+                    continue
+                first[at] = 0
+                for into, leaf in zip(rows, problems.leaves, strict=True):
+                    into[at] = leaf[number]
+            part = _part(problems, number, first[at], found)
+            for into, row in zip(jax.tree.leaves(lane), jax.tree.leaves(part), strict=True):
+                into[at] = row
 
 
 class _Lane(NamedTuple):

@@ -10,13 +10,10 @@ from typing import Any
 import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Literal
-from jax.lax import GatherScatterMode
 
 from exosight.scalar_program.graph import Graph, Unsupported
+from exosight.scalar_program.indexing import Values, dynamic_slice, gather, known_numbers, scatter
 from exosight.scalar_program.operations import Op
-
-Values = np.ndarray
-"""An array of value numbers."""
 
 
 def trace(graph: Graph, function: Callable, inputs: Sequence[Values]) -> tuple[list[Values], Any]:
@@ -106,7 +103,7 @@ def _platform(graph: Graph, equation: Any) -> Values:
 def _branch(graph: Graph, equation: Any, which: Values, *x: Values) -> list[Values]:
     """One of several functions, if it is known which."""
     branches = equation.params["branches"]
-    at = int(np.clip(_numbers(graph, equation, which), 0, len(branches) - 1))
+    at = int(np.clip(known_numbers(graph, equation, which), 0, len(branches) - 1))
     return _closed(graph, branches[at], x)
 
 
@@ -263,104 +260,6 @@ def _product(graph: Graph, equation: Any, a: Values, b: Values) -> list[Values]:
     return [np.array(results, dtype=np.int64)]
 
 
-def _numbers(graph: Graph, equation: Any, values: Values) -> np.ndarray:
-    """Whole numbers that are known beforehand."""
-    flat = values.ravel().tolist()
-    if not all(value in graph.known for value in flat):
-        raise Unsupported(f"{equation.primitive.name} by numbers that depend on the arguments")
-    return np.array([graph.known[value] for value in flat], dtype=int).reshape(values.shape)
-
-
-def _windows(
-    shape: Sequence[int],
-    sizes: Sequence[int],
-    starts: np.ndarray,
-    axes: Sequence,
-    batched: Sequence[tuple[int, int]],
-    clip: bool,
-) -> np.ndarray:
-    """Flat places in an array of the elements of windows, (*starts, *sizes); −1 in windows that lie outside.
-
-    sizes     of a window along each axis of the array
-    starts    (*starts, axes)   first element of each window along `axes`
-    batched   pairs (axis of the array, axis of `starts`) that go together
-    clip      windows that lie outside are moved in
-    """
-    count = starts.shape[:-1]
-    first = np.zeros((*count, len(shape)), dtype=int)
-    first[..., list(axes)] = starts
-    for axis, of_starts in batched:
-        along = np.arange(count[of_starts])
-        first[..., axis] = along.reshape([-1 if i == of_starts else 1 for i in range(len(count))])
-    room = np.array(shape, dtype=int) - np.array(sizes, dtype=int)
-    inside = np.all((first >= 0) & (first <= room), axis=-1)
-    first = np.clip(first, 0, room)
-    within = np.moveaxis(np.indices(sizes), 0, -1) if len(shape) else np.zeros((0,), dtype=int)
-    places = first.reshape(*count, *[1] * len(sizes), len(shape)) + within
-    strides = np.array([int(np.prod(shape[i + 1 :])) for i in range(len(shape))], dtype=int)
-    inside = inside.reshape(*count, *[1] * len(sizes)) | clip
-    return np.where(inside, places @ strides, -1)
-
-
-def _gather(graph: Graph, equation: Any, x: Values, starts: Values) -> Values:
-    params = equation.params
-    numbers, sizes = params["dimension_numbers"], params["slice_sizes"]
-    mode = params["mode"]
-    places = _windows(
-        x.shape,
-        sizes,
-        _numbers(graph, equation, starts),
-        numbers.start_index_map,
-        list(zip(numbers.operand_batching_dims, numbers.start_indices_batching_dims, strict=True)),
-        clip=mode == GatherScatterMode.CLIP,
-    )
-    kept = [
-        size
-        for axis, size in enumerate(sizes)
-        if axis not in (*numbers.collapsed_slice_dims, *numbers.operand_batching_dims)
-    ]
-    count = places.shape[: starts.ndim - 1]
-    places = np.moveaxis(
-        places.reshape(*count, *kept), range(len(count), len(count) + len(kept)), numbers.offset_dims
-    )
-    filling = params["fill_value"]
-    empty = graph.constant(np.nan if filling is None else float(filling))
-    return np.where(places < 0, empty, x.ravel()[np.maximum(places, 0)])
-
-
-def _scatter(graph: Graph, equation: Any, x: Values, starts: Values, updates: Values) -> Values:
-    params = equation.params
-    numbers = params["dimension_numbers"]
-    window = numbers.update_window_dims
-    single = (*numbers.inserted_window_dims, *numbers.operand_batching_dims)
-    sizes = np.ones(x.ndim, dtype=int)
-    sizes[[axis for axis in range(x.ndim) if axis not in single]] = [updates.shape[i] for i in window]
-    places = _windows(
-        x.shape,
-        sizes.tolist(),
-        _numbers(graph, equation, starts),
-        numbers.scatter_dims_to_operand_dims,
-        list(zip(numbers.operand_batching_dims, numbers.scatter_indices_batching_dims, strict=True)),
-        clip=params["mode"] == GatherScatterMode.CLIP,
-    )
-    others = [i for i in range(updates.ndim) if i not in window]
-    result = x.flatten()
-    for place, value in zip(
-        places.ravel().tolist(), updates.transpose(*others, *window).ravel().tolist(), strict=True
-    ):
-        if place >= 0:
-            adds = equation.primitive.name == "scatter-add"
-            result[place] = graph.add(int(result[place]), value) if adds else value
-    return result
-
-
-def _dynamic_slice(graph: Graph, equation: Any, x: Values, *starts: Values) -> Values:
-    sizes = equation.params["slice_sizes"]
-    room = np.array(x.shape) - sizes
-    first = np.clip([_numbers(graph, equation, start) for start in starts], 0, room)
-    return x[tuple(slice(a, a + size) for a, size in zip(first, sizes, strict=True))]
-
-
 RULES: dict[str, Callable] = {
     **{
         name: _call for name in ("jit", "pjit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2")
@@ -398,7 +297,7 @@ RULES: dict[str, Callable] = {
     "stack": lambda graph, equation, *x: np.stack(x, axis=equation.params["axis"]),
     "rev": lambda graph, equation, x: np.flip(x, equation.params["dimensions"]),
     "slice": _slice,
-    "dynamic_slice": _dynamic_slice,
+    "dynamic_slice": dynamic_slice,
     "split": lambda graph, equation, x: np.split(
         x, np.cumsum(equation.params["sizes"])[:-1], axis=equation.params["axis"]
     ),
@@ -412,9 +311,9 @@ RULES: dict[str, Callable] = {
     "reduce_or": _reduce(lambda graph, a, b: graph.apply(Op.OR, a, b)),
     "cumsum": _running_sum,
     "dot_general": _product,
-    "gather": _gather,
-    "scatter": _scatter,
-    "scatter-add": _scatter,
+    "gather": gather,
+    "scatter": scatter,
+    "scatter-add": scatter,
     "scan": _scan,
 }
 """What to do for each primitive of a jaxpr."""
