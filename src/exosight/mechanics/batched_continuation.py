@@ -142,10 +142,11 @@ def _fill_lanes(
     empty = np.array(numbers) < 0
     lane.state.load[empty] = lane.total[empty]
     while any(i >= 0 for i in numbers) and not queue.stopped:
-        # While robots wait, come back as soon as a quarter of the lanes is free for them.
-        enough = min(lanes, numbers.count(-1) + max(1, lanes // 4))
+        # While robots or further loads wait, come back as soon as a quarter of the lanes is free for them.
+        waiting = queue.waiting() or problems.loads.shape[1] > ROOM
+        enough = min(lanes, numbers.count(-1) + max(1, lanes // 4)) if waiting else lanes
         state, metrics = step(rows, lane, enough)
-        lane, metrics = lane._replace(state=jax.tree.map(np.array, state)), np.asarray(metrics)
+        lane, metrics = lane._replace(state=_writable(state)), np.asarray(metrics)
         full = lane.state.snaps >= SNAPS // 2
         arrived = lane.state.load == lane.total
         for at in np.flatnonzero((full | arrived) & (np.array(numbers) >= 0)).tolist():
@@ -165,8 +166,19 @@ def _fill_lanes(
                 for into, leaf in zip(rows, problems.leaves, strict=True):
                     into[at] = leaf[number]
             part = _part(problems, number, first[at], found)
-            for into, row in zip(jax.tree.leaves(lane), jax.tree.leaves(part), strict=True):
+            for into, row in zip(_written(lane), _written(part), strict=True):
                 into[at] = row
+
+
+def _writable(state: ContinuationState) -> ContinuationState:
+    """Copies that Python may write into; not of the records, which are large and only compiled code writes."""
+    copied = jax.tree.map(np.array, state._replace(records=None))
+    return copied._replace(records=jax.tree.map(np.asarray, state.records))
+
+
+def _written(lane: "_Lane") -> list[np.ndarray]:
+    """What a lane is given anew with each part; what records hold from before is overwritten."""
+    return jax.tree.leaves(lane._replace(state=lane.state._replace(records=None)))
 
 
 class _Lane(NamedTuple):
@@ -249,6 +261,9 @@ class _Queue:
     def __init__(self, count: int) -> None:
         self._next, self._count, self._lock = 0, count, Lock()
         self.stopped = False
+
+    def waiting(self) -> bool:
+        return self._next < self._count
 
     def take(self, most: int) -> list[int]:
         with self._lock:
