@@ -80,8 +80,8 @@ class GripConfig:
             raise InputError("grip: expected a smallest target not above the largest, got the reverse")
 
 
-# Forces to seven digits; 4 robots wait for the slowest of them, not 8.
-_SOLVER = SolverOptions(tolerance=1e-7, lanes=4)
+_SOLVER = SolverOptions(tolerance=1e-7)
+"""Forces to seven digits."""
 
 _SETTINGS = TypeAdapter(GripConfig)
 

@@ -23,11 +23,11 @@ from exosight.mechanics.evaluator import by_program, by_xla, program_of
 from exosight.mechanics.metric import metric_of
 from exosight.scalar_program import Unrolled
 
-ROOM = 32
-"""Loads that a lane takes at a time; longer paths go on in the same lane.
+ROOM = 1, 32
+"""Loads that a lane takes at a time, for single loads and for paths; longer ones go on in the same lane.
 
-One number for all paths, so one compilation. A single load needs less, but the robot's Hessian at each (5 KiB
-for the published exosuit) costs less than another compilation."""
+Two numbers, so at most two compilations: the robot's Hessian at each (5 KiB for the published exosuit) goes
+in and out of the compiled code, which a controller that asks for one load at a time would wait for."""
 
 
 class Snap(NamedTuple):
@@ -133,17 +133,18 @@ def _fill_lanes(
     numbers = queue.take(lanes)
     if not numbers:
         return
+    room = ROOM[0] if problems.loads.shape[1] <= ROOM[0] else ROOM[1]
     # A lane without a robot holds a copy of the first one, but stands still.
     filled = numbers + [numbers[0]] * (lanes - len(numbers))
     numbers += [-1] * (lanes - len(numbers))
     rows = [leaf[filled] for leaf in problems.leaves]
     first = [0] * lanes  # index of the first load of the part that a lane is on
-    lane = jax.tree.map(lambda *parts: np.array(parts), *(_part(problems, i, 0) for i in filled))
+    lane = jax.tree.map(lambda *parts: np.array(parts), *(_part(problems, i, 0, room) for i in filled))
     empty = np.array(numbers) < 0
     lane.state.load[empty] = lane.total[empty]
     while any(i >= 0 for i in numbers) and not queue.stopped:
         # While robots or further loads wait, come back as soon as a quarter of the lanes is free for them.
-        waiting = queue.waiting() or problems.loads.shape[1] > ROOM
+        waiting = queue.waiting() or problems.loads.shape[1] > room
         enough = min(lanes, numbers.count(-1) + max(1, lanes // 4)) if waiting else lanes
         state, metrics = step(rows, lane, enough)
         lane, metrics = lane._replace(state=_writable(state)), np.asarray(metrics)
@@ -165,13 +166,13 @@ def _fill_lanes(
                 first[at] = 0
                 for into, leaf in zip(rows, problems.leaves, strict=True):
                     into[at] = leaf[number]
-            part = _part(problems, number, first[at], found)
+            part = _part(problems, number, first[at], room, found)
             for into, row in zip(_written(lane), _written(part), strict=True):
                 into[at] = row
 
 
 def _writable(state: ContinuationState) -> ContinuationState:
-    """Copies that Python may write into; not of the records, which are large and only compiled code writes."""
+    """Copies that Python may write into; not of the records, large, which only compiled code writes."""
     copied = jax.tree.map(np.array, state._replace(records=None))
     return copied._replace(records=jax.tree.map(np.asarray, state.records))
 
@@ -189,16 +190,16 @@ class _Lane(NamedTuple):
     state: ContinuationState
 
 
-def _part(problems: Problems, number: int, first: int, found: Solutions | None = None) -> _Lane:
+def _part(problems: Problems, number: int, first: int, room: int, found: Solutions | None = None) -> _Lane:
     """The loads of a robot from `first` on, starting from what was found before."""
-    loads = problems.loads[number, first : first + ROOM]
+    loads = problems.loads[number, first : first + room]
     total = len(loads)
-    if total < ROOM:
-        loads = np.concatenate([loads, np.repeat(loads[-1:], ROOM - total, axis=0)])
+    if total < room:
+        loads = np.concatenate([loads, np.repeat(loads[-1:], room - total, axis=0)])
     q, origin = problems.q[number], problems.origin[number]
     if first and found is not None:
         q, origin = found.q[number, first - 1], found.load[number, first - 1]
-    return _Lane(loads, np.array(total), begin(q, origin, ROOM))
+    return _Lane(loads, np.array(total), begin(q, origin, room))
 
 
 def _nothing(problems: Problems) -> Solutions:
@@ -233,7 +234,8 @@ def _keep(
         getattr(found, name)[number, part] = getattr(records, name)[lane, :count]
     whitener = np.linalg.inv(np.linalg.cholesky(metric))
     whitened = whitener @ records.hessian[lane, :count] @ whitener.T
-    if np.allclose(whitened, np.swapaxes(whitened, 1, 2), rtol=0, atol=1e-9 * np.abs(whitened).max()):
+    skew = whitened - np.swapaxes(whitened, 1, 2)
+    if np.abs(skew).max() <= 1e-9 * np.abs(whitened).max():
         eigenvalue = np.linalg.eigvalsh(whitened)[:, 0]
     else:
         eigenvalue = np.linalg.eigvals(whitened).real.min(axis=-1)
