@@ -19,16 +19,15 @@ from llvmlite import ir
 from exosight.scalar_program.operations import LIBRARY, Op
 
 LANES = 8
-"""Samples side by side: one vector register of AVX-512, two of AVX2, four of SSE or NEON."""
+"""Samples side by side: one vector register of AVX-512, two of AVX2, four of SSE or NEON. A single sample has
+no others to wait for, and moves an eighth of the memory."""
 
 Builder: TypeAlias = Any
 Value: TypeAlias = Any
 """llvmlite's types of its own objects are too wide to check calls by."""
 
-BIT, WORD, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
+WORD, LONG = ir.IntType(32), ir.IntType(64)
 DOUBLE, POINTER = ir.DoubleType(), ir.IntType(8).as_pointer()
-VECTOR, MASK = ir.VectorType(DOUBLE, LANES), ir.VectorType(BIT, LANES)
-ALIGNMENT = 8 * LANES
 
 COMPARE = {Op.LT: "<", Op.LE: "<=", Op.GT: ">", Op.GE: ">=", Op.EQ: "==", Op.NE: "!="}
 
@@ -68,7 +67,7 @@ def _engine(processor: str, features: str, targets: Mapping[int, str]) -> Any:
     module = ir.Module("scalar_program")
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     for bits, name in targets.items():
-        _handler(module, name, _run(module, ir.IntType(bits)))
+        _handler(module, name, ir.IntType(bits))
     parsed = llvm.parse_assembly(str(module))
     parsed.verify()
     options = llvm.create_pipeline_tuning_options(speed_level=2)
@@ -104,10 +103,11 @@ def _loop(b: Builder, count: Value) -> Iterator[Value]:
     b.position_at_end(done)
 
 
-def _run(module: ir.Module, word: ir.IntType) -> Value:
-    """The function (code, end of code, slots) that runs a program once."""
-    kind = ir.FunctionType(ir.VoidType(), [word.as_pointer(), word.as_pointer(), VECTOR.as_pointer()])
-    function = ir.Function(module, kind, f"run_{word.width}")
+def _run(module: ir.Module, word: ir.IntType, lanes: int) -> Value:
+    """The function (code, end of code, slots) that runs a program once, on slots of so many lanes."""
+    slot = ir.VectorType(DOUBLE, lanes)
+    kind = ir.FunctionType(ir.VoidType(), [word.as_pointer(), word.as_pointer(), slot.as_pointer()])
+    function = ir.Function(module, kind, f"run_{word.width}_{lanes}")
     function.linkage = "internal"
     code, end, slots = function.args
     b: Builder = ir.IRBuilder(function.append_basic_block("entry"))
@@ -150,10 +150,11 @@ def _one_kind(b: Builder, op: Op, count: Value, slots: Value, take: Callable) ->
         return b.gep(slots, [take(b)], inbounds=True)
 
     def read() -> Value:
-        return b.load(slot(), align=ALIGNMENT)
+        return b.load(slot(), align=8 * vector.count)
 
+    vector = slots.type.pointee
     terms = take(b) if op == Op.DOT else None
-    total = _variable(b, VECTOR)
+    total = _variable(b, vector)
     with _loop(b, count):
         into = slot()
         if terms is None:
@@ -163,7 +164,7 @@ def _one_kind(b: Builder, op: Op, count: Value, slots: Value, take: Callable) ->
             with _loop(b, b.sub(terms, LONG(1))):
                 b.store(_multiply_add(b, read(), read(), b.load(total)), total)
             result = b.load(total)
-        b.store(result, into, align=ALIGNMENT)
+        b.store(result, into, align=8 * vector.count)
 
 
 def _arity(op: Op) -> int:
@@ -175,18 +176,19 @@ def _arity(op: Op) -> int:
 
 def _multiply_add(b: Builder, x: Value, y: Value, z: Value) -> Value:
     """x y + z, in one rounding where the processor has it."""
-    return _call(b, f"llvm.fmuladd.v{LANES}f64", [x, y, z])
+    return _call(b, f"llvm.fmuladd.v{x.type.count}f64", [x, y, z])
 
 
 def _result(b: Builder, op: Op, x: list[Value]) -> Value:
     """One operation on vectors."""
-    zero, one = ir.Constant(VECTOR, [0.0] * LANES), ir.Constant(VECTOR, [1.0] * LANES)
+    vector, lanes = x[0].type, x[0].type.count
+    zero, one = ir.Constant(vector, [0.0] * lanes), ir.Constant(vector, [1.0] * lanes)
     plain = {Op.ADD: b.fadd, Op.SUB: b.fsub, Op.MUL: b.fmul, Op.DIV: b.fdiv, Op.NEG: b.fneg}
     if op in plain:
         return plain[op](*x)
     if op in COMPARE:
         return b.uitofp(
-            b.fcmp_unordered("!=", *x) if op == Op.NE else b.fcmp_ordered(COMPARE[op], *x), VECTOR
+            b.fcmp_unordered("!=", *x) if op == Op.NE else b.fcmp_ordered(COMPARE[op], *x), vector
         )
     if op in (Op.MAX, Op.MIN):
         # An unordered comparison: a first argument that is not a number stays so.
@@ -194,7 +196,7 @@ def _result(b: Builder, op: Op, x: list[Value]) -> Value:
     if op == Op.SELECT:
         return b.select(b.fcmp_unordered("!=", x[0], zero), x[1], x[2])
     if op == Op.NOT:
-        return b.uitofp(b.fcmp_ordered("==", x[0], zero), VECTOR)
+        return b.uitofp(b.fcmp_ordered("==", x[0], zero), vector)
     if op in (Op.AND, Op.OR):
         combine = b.and_ if op == Op.AND else b.or_
         return b.select(combine(*(b.fcmp_unordered("!=", value, zero) for value in x)), one, zero)
@@ -203,9 +205,9 @@ def _result(b: Builder, op: Op, x: list[Value]) -> Value:
     if op == Op.NEGATIVE_MULTIPLY_ADD:
         return _multiply_add(b, b.fneg(x[0]), x[1], x[2])
     if op in (Op.ABS, Op.SQRT):
-        return _call(b, f"llvm.{'fabs' if op == Op.ABS else 'sqrt'}.v{LANES}f64", x)
-    result = ir.Constant(VECTOR, ir.Undefined)
-    for lane in range(LANES):  # the C library has no vectors
+        return _call(b, f"llvm.{'fabs' if op == Op.ABS else 'sqrt'}.v{lanes}f64", x)
+    result = ir.Constant(vector, ir.Undefined)
+    for lane in range(lanes):  # the C library has no vectors
         value = _call(b, LIBRARY[op], [b.extract_element(part, WORD(lane)) for part in x])
         result = b.insert_element(result, value, WORD(lane))
     return result
@@ -222,10 +224,7 @@ def _call(b: Builder, name: str, x: list[Value]) -> Value:
 
 # Places in the structures of XLA's foreign function interface [bytes].
 EXTENSION, ARGUMENTS, RESULTS = 8, 56, 96  # of a call: extensions, number of arguments, of results
-EXTENSION_KIND, METADATA = (
-    8,
-    24,
-)  # of an extension; a handler is asked for its version through the one of kind 1
+METADATA = 24  # of the extension by which a handler is asked for its version
 MAJOR, MINOR = 24, 28  # of the metadata
 DATA, RANK, SIZES = 24, 32, 40  # of a buffer
 VERSION = 0, 3
@@ -239,12 +238,11 @@ def _at(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
     return b.bitcast(b.gep(b.bitcast(base, POINTER), [LONG(offset)]), kind.as_pointer())
 
 
-def _handler(module: ir.Module, name: str, run: Value) -> None:
+def _handler(module: ir.Module, name: str, word: ir.IntType) -> None:
     """The function that XLA calls: (code, output slots, constants, arguments …) -> (results, memory).
 
     The arguments have shape (…, values) of any leading sizes, or one sample for all.
     """
-    word = run.args[0].type.pointee
     function = ir.Function(module, ir.FunctionType(POINTER, [POINTER]), name)
     frame = function.args[0]
     b: Builder = ir.IRBuilder(function.append_basic_block("entry"))
@@ -259,24 +257,35 @@ def _handler(module: ir.Module, name: str, run: Value) -> None:
     b.ret(null)
 
     b.position_at_end(work)
+    samples = _buffer(b, frame, RESULTS, LONG(0))[1]
+    one, several = b.append_basic_block("one"), b.append_basic_block("several")
+    b.cbranch(b.icmp_signed("<=", samples, LONG(1)), one, several)
+    for block, lanes in ((one, 1), (several, LANES)):
+        b.position_at_end(block)
+        _blocks(b, frame, _run(module, word, lanes))
+        b.ret(null)
+
+
+def _blocks(b: Builder, frame: Value, run: Value) -> None:
+    """Run the program on all samples, as many at a time as its slots have lanes."""
     code, outputs, constants = (_buffer(b, frame, ARGUMENTS, LONG(i)) for i in range(3))
     result, memory = (_buffer(b, frame, RESULTS, LONG(i)) for i in range(2))
-    code_start, code_size = b.bitcast(code[0], word.as_pointer()), b.mul(code[1], code[2])
-    aligned = b.and_(b.add(b.ptrtoint(memory[0], LONG), LONG(ALIGNMENT - 1)), LONG(-ALIGNMENT))
-    slots = b.inttoptr(aligned, VECTOR.as_pointer())
-    samples, most = result[1], b.sub(result[1], LONG(1))
-    blocks = b.sdiv(b.add(samples, LONG(LANES - 1)), LONG(LANES))
-    with _loop(b, blocks) as block:
-        first = b.mul(block, LONG(LANES))
+    words, slot = (run.args[i].type for i in (0, 2))
+    lanes = slot.pointee.count
+    code_start, code_size = b.bitcast(code[0], words), b.mul(code[1], code[2])
+    aligned = b.and_(b.add(b.ptrtoint(memory[0], LONG), LONG(8 * lanes - 1)), LONG(-8 * lanes))
+    slots = b.inttoptr(aligned, slot)
+    most = b.sub(result[1], LONG(1))
+    with _loop(b, b.sdiv(b.add(result[1], LONG(lanes - 1)), LONG(lanes))) as block:
+        first = b.mul(block, LONG(lanes))
         rows = []  # the last block is filled up with its last sample
-        for lane in range(LANES):
+        for lane in range(lanes):
             row = b.add(first, LONG(lane))
             rows.append(b.select(b.icmp_signed("<", row, most), row, most))
         _load_constants(b, constants, slots)
         _load_arguments(b, frame, slots, constants[2], rows)
         b.call(run, [code_start, b.gep(code_start, [code_size]), slots])
         _store_results(b, outputs, slots, result, rows)
-    b.ret(null)
 
 
 def _buffer(b: Builder, frame: Value, where: int, number: Value) -> tuple[Value, ...]:
@@ -294,12 +303,12 @@ def _buffer(b: Builder, frame: Value, where: int, number: Value) -> tuple[Value,
 
 def _load_constants(b: Builder, constants: tuple[Value, ...], slots: Value) -> None:
     numbers = b.bitcast(constants[0], DOUBLE.as_pointer())
+    vector = slots.type.pointee
     with _loop(b, constants[2]) as i:
-        one = b.insert_element(ir.Constant(VECTOR, ir.Undefined), b.load(b.gep(numbers, [i])), WORD(0))
-        spread = b.shuffle_vector(
-            one, ir.Constant(VECTOR, ir.Undefined), ir.Constant(ir.VectorType(WORD, LANES), [0] * LANES)
-        )
-        b.store(spread, b.gep(slots, [i]), align=ALIGNMENT)
+        number, spread = b.load(b.gep(numbers, [i])), ir.Constant(vector, ir.Undefined)
+        for lane in range(vector.count):
+            spread = b.insert_element(spread, number, WORD(lane))
+        b.store(spread, b.gep(slots, [i]), align=8 * vector.count)
 
 
 def _load_arguments(b: Builder, frame: Value, slots: Value, first: Value, rows: list[Value]) -> None:
@@ -314,10 +323,10 @@ def _load_arguments(b: Builder, frame: Value, slots: Value, first: Value, rows: 
         starts = [b.gep(numbers, [b.mul(row, stride)]) for row in rows]
         into = b.gep(slots, [b.load(place)])
         with _loop(b, values) as i:
-            vector = ir.Constant(VECTOR, ir.Undefined)
+            vector = ir.Constant(slots.type.pointee, ir.Undefined)
             for lane, start in enumerate(starts):
                 vector = b.insert_element(vector, b.load(b.gep(start, [i])), WORD(lane))
-            b.store(vector, b.gep(into, [i]), align=ALIGNMENT)
+            b.store(vector, b.gep(into, [i]), align=8 * len(rows))
         b.store(b.add(b.load(place), values), place)
 
 
@@ -333,7 +342,7 @@ def _store_results(
     starts = [b.gep(numbers, [b.mul(row, result[2])]) for row in rows]
     with _loop(b, result[2]) as i:
         slot = b.zext(b.load(b.gep(places, [i])), LONG)
-        vector = b.load(b.gep(slots, [slot]), align=ALIGNMENT)
+        vector = b.load(b.gep(slots, [slot]), align=8 * len(rows))
         for lane, start in enumerate(starts):
             b.store(b.extract_element(vector, WORD(lane)), b.gep(start, [i]))
 
