@@ -21,7 +21,7 @@ POSITIVE = np.abs(X) + 0.1
 
 def run(function: Callable, *arguments: np.ndarray) -> list[np.ndarray]:
     """The leaves of what an unrolled function returns."""
-    program = unroll([lambda given: function(*given)], [arguments])
+    program = unroll(lambda given: (function(*given),), [arguments])
 
     def only(*arguments: jax.Array) -> list:
         return jax.tree.leaves(program(0, None, arguments)[0])
@@ -110,7 +110,7 @@ def test_any_number_of_samples(count: int) -> None:
     """Also some that share an argument, and samples of samples."""
     rng = np.random.default_rng(count)
     a, b = rng.normal(size=(count, 2, 3, 3)), rng.normal(size=(3, 3))
-    program = unroll([lambda b: (), lambda b, a: jnp.sin(a) @ b], [b, a[0, 0]])
+    program = unroll(lambda b, a: ((), jnp.sin(a) @ b), [b, a[0, 0]])
 
     def staged(a: jax.Array) -> jax.Array:
         return program(1, program(0, None, b)[1], a)[0]
@@ -122,8 +122,8 @@ def test_any_number_of_samples(count: int) -> None:
 def test_what_the_first_arguments_decide_is_computed_once() -> None:
     """A later stage holds no operation that the arguments before it alone decide."""
     a, b = np.full((6, 6), 0.3), np.full(6, 0.2)
-    staged = unroll([lambda a: (), lambda a, b: jnp.sin(a @ a @ a) @ b], [a, b])
-    together = unroll([lambda ab: jnp.sin(ab[0] @ ab[0] @ ab[0]) @ ab[1]], [(a, b)])
+    staged = unroll(lambda a, b: ((), jnp.sin(a @ a @ a) @ b), [a, b])
+    together = unroll(lambda ab: (jnp.sin(ab[0] @ ab[0] @ ab[0]) @ ab[1],), [(a, b)])
     assert len(staged.stages[1].code) < 0.2 * len(together.stages[0].code)
     assert len(staged.stages[0].outputs) == 36  # the matrix is all that is handed on
 
@@ -155,4 +155,9 @@ def test_what_is_not_a_number_stays_so() -> None:
 )
 def test_what_cannot_be_unrolled_is_named(function: Callable, named: str) -> None:
     with pytest.raises(Unsupported, match=named):
-        unroll([function], [np.ones(3)])
+        unroll(lambda x: (function(x),), [np.ones(3)])
+
+
+def test_a_stage_cannot_know_what_comes_later() -> None:
+    with pytest.raises(ValueError, match="stage 0 depend on arguments of a later one"):
+        unroll(lambda a, b: (a + b, ()), [np.ones(2), np.ones(2)])

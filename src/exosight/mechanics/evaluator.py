@@ -53,22 +53,18 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
     if jax.default_backend() != "cpu":
         return None
 
-    def pose(leaves: list[Array], at: tuple[Array, Array]) -> tuple[Evaluation, Motion, Robot]:
+    def function(
+        leaves: list[Array], at: tuple[Array, Array], step: tuple[Array]
+    ) -> tuple[tuple, Evaluation, Array]:
         robot = jax.tree.unflatten(structure, leaves)
-        return *potential(robot)(*at), robot
-
-    def evaluation(leaves: list[Array], at: tuple[Array, Array]) -> Evaluation:
-        return pose(leaves, at)[0]
-
-    def fraction(leaves: list[Array], at: tuple[Array, Array], step: tuple[Array]) -> Array:
-        _, motion, robot = pose(leaves, at)
-        return _step_fraction(robot, motion, *step)
+        found, motion = potential(robot)(*at)
+        return (), found, _step_fraction(robot, motion, *step)
 
     leaves = [np.zeros(shape) for shape in shapes]
     dofs = jax.tree.unflatten(structure, leaves).dofs
     arguments = [leaves, (np.zeros(dofs), np.zeros(channels)), (np.zeros(dofs),)]
     try:
-        return unroll([lambda leaves: (), evaluation, fraction], arguments)
+        return unroll(function, arguments)
     except Unsupported:
         return None
 

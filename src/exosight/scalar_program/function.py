@@ -49,10 +49,10 @@ class Unrolled:
         return jax.tree.unflatten(structure, parts), values[at:]
 
 
-def unroll(functions: Sequence[Callable], arguments: Sequence[Any]) -> Unrolled:
-    """Functions of stages of arguments as programs.
+def unroll(function: Callable, arguments: Sequence[Any]) -> Unrolled:
+    """A function whose arguments become known one after the other, as programs.
 
-    functions   each takes the arguments of its own stage and of all before, and returns that stage's results
+    function    (one argument a stage) -> the results of each stage, which depend on no later argument
     arguments   of each stage: float arrays in any structure, of which only the shapes count
 
     Raises Unsupported for what cannot be written as operations on single numbers, or without an interpreter.
@@ -60,22 +60,21 @@ def unroll(functions: Sequence[Callable], arguments: Sequence[Any]) -> Unrolled:
     if why := interpreter.obstacle():
         raise Unsupported(why)
     graph = Graph()
-    flat, stages, results = [], [], []
-    for number, function in enumerate(functions):
-        leaves = [np.shape(x) for x in jax.tree.leaves(arguments[number])]
-        own = [np.array(graph.inputs(int(np.prod(s))), dtype=np.int64).reshape(s) for s in leaves]
-        flat += own
-        structure = jax.tree.structure(tuple(arguments[: number + 1]))
-
-        def on_leaves(*leaves: Any, structure: Any = structure, function: Callable = function) -> Any:
-            return function(*jax.tree.unflatten(structure, leaves))
-
-        found, shapes = trace(graph, on_leaves, flat)
-        results.append(shapes)
-        stages.append(
-            Stage(
-                [i for x in own for i in x.ravel().tolist()],
-                [i for x in found for i in x.ravel().tolist()],
-            )
+    flat, structure = jax.tree.flatten(tuple(arguments))
+    inputs = [np.array(graph.inputs(int(np.prod(np.shape(x)))), dtype=np.int64) for x in flat]
+    inputs = [own.reshape(np.shape(x)) for own, x in zip(inputs, flat, strict=True)]
+    found, shapes = trace(graph, lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), inputs)
+    stages = [
+        Stage(_numbers(given), _numbers(wanted))
+        for given, wanted in zip(
+            jax.tree.unflatten(structure, inputs),
+            jax.tree.unflatten(jax.tree.structure(shapes), found),
+            strict=True,
         )
-    return Unrolled(tuple(programs(graph, stages)), tuple(results))
+    ]
+    return Unrolled(tuple(programs(graph, stages)), tuple(shapes))
+
+
+def _numbers(values: Any) -> list[int]:
+    """The numbers of all values of a structure of arrays."""
+    return [number for array in jax.tree.leaves(values) for number in array.ravel().tolist()]

@@ -48,6 +48,9 @@ def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
     """
     op, args = list(graph.op), list(graph.args)
     level = _levels(op, args, stages)
+    for number, stage in enumerate(stages):
+        if any(level[value] > number for value in stage.results):
+            raise ValueError(f"results of stage {number} depend on arguments of a later one")
     live = _live(op, args, stages)
     uses = Counter(a for i in live for a in args[i])
     uses.update(value for stage in stages for value in stage.results)
