@@ -177,7 +177,7 @@ def _writable(state: ContinuationState) -> ContinuationState:
     return copied._replace(records=jax.tree.map(np.asarray, state.records))
 
 
-def _written(lane: "_Lane") -> list[np.ndarray]:
+def _written(lane: "_Lane") -> list:
     """What a lane is given anew with each part; what records hold from before is overwritten."""
     return jax.tree.leaves(lane._replace(state=lane.state._replace(records=None)))
 
