@@ -148,7 +148,7 @@ def _fill_lanes(
         enough = min(lanes, numbers.count(-1) + max(1, lanes // 4)) if waiting else lanes
         state, metrics = step(rows, lane, enough)
         lane, metrics = lane._replace(state=_writable(state)), np.asarray(metrics)
-        full = lane.state.snaps >= SNAPS // 2
+        full = lane.state.snaps >= SNAPS
         arrived = lane.state.load == lane.total
         for at in np.flatnonzero((full | arrived) & (np.array(numbers) >= 0)).tolist():
             number, start = numbers[at], first[at]
@@ -276,7 +276,7 @@ class _Queue:
 
 @lru_cache(maxsize=64)
 def _compiled(structure: Hashable, program: Unrolled | None) -> Callable:
-    """Step every robot until `enough` of them have all their loads behind them; also the robots' metrics.
+    """Step every robot until `enough` of them are done, or one has no room for snaps; also the metrics.
 
     For robots of one structure: (its arrays with a leading axis of lanes, lanes, tolerance, max_iterations,
     enough) -> (states, metrics).
@@ -291,8 +291,9 @@ def _compiled(structure: Hashable, program: Unrolled | None) -> Callable:
             step = stepper(robot, evaluator, lane.loads, lane.total, tolerance, max_iterations)
 
             def going(state: ContinuationState) -> Array:
-                waiting = (state.load == lane.total) | (state.snaps >= SNAPS // 2)
-                return jax.lax.psum(waiting.astype(int), "lanes") < enough
+                arrived = jax.lax.psum((state.load == lane.total).astype(int), "lanes")
+                full = jax.lax.psum((state.snaps >= SNAPS).astype(int), "lanes")
+                return (arrived < enough) & (full == 0)
 
             return jax.lax.while_loop(going, step, lane.state), metric_of(robot)
 

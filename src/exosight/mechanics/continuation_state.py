@@ -14,7 +14,7 @@ TO_LOAD, ALONG, DESCEND = 0, 1, 2
 """Phases: Newton's method at a given load, at a given length along the branch, and descent."""
 
 SNAPS = 16
-"""Room for snaps; a path is handed back when half of it is used, and may use the rest until it is."""
+"""Room for snaps; all lanes are handed back when one has used it."""
 
 
 class Records(NamedTuple):
