@@ -172,7 +172,7 @@ def _fill_lanes(
 
 
 def _writable(state: ContinuationState) -> ContinuationState:
-    """Copies that Python may write into; not of the records, large, which only compiled code writes."""
+    """Copies that Python may write into. Records are large and written by compiled code alone: not copied."""
     copied = jax.tree.map(np.array, state._replace(records=None))
     return copied._replace(records=jax.tree.map(np.asarray, state.records))
 

@@ -127,10 +127,9 @@ def _arrange(
     used = {a for i in own for a in args[i]} | set(results)
     constants = [a for a in sorted(used) if op[a] == Op.CONSTANT]
     slot = {value: place for place, value in enumerate((*constants, *arguments))}
-    order = own
-    last = {a: place for place, i in enumerate(order) for a in args[i]}
+    last = {a: place for place, i in enumerate(own) for a in args[i]}
     kept, free, top = set(results), [], len(constants) + len(arguments)
-    for place, i in enumerate(order):
+    for place, i in enumerate(own):
         if free:
             slot[i] = free.pop()
         else:
@@ -138,7 +137,7 @@ def _arrange(
             top += 1
         free += [slot[a] for a in set(args[i]) if last[a] == place and a not in kept]
     return Program(
-        code=_code(op, args, order, slot, np.uint16 if top < 2**16 else np.uint32),
+        code=_code(op, args, own, slot, np.uint16 if top < 2**16 else np.uint32),
         outputs=np.array([slot[value] for value in results], dtype=np.int32),
         constants=np.array([graph.known[value] for value in constants]),
         slots=top,
