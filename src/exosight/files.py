@@ -4,6 +4,7 @@ import csv
 import io
 import math
 import os
+import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,16 +32,14 @@ def new_file(path: Path) -> Iterator[Path]:
     """
     if path.exists():
         raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
-    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
     try:
-        yield part
-        os.replace(part, path)
+        with unfinished(path) as part:
+            yield part
+            os.replace(part, path)
     except OSError as error:
         if isinstance(error, DataError):
             raise
         raise DataError(f"{path} could not be written: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -51,13 +50,13 @@ def replace_file(path: Path, content: bytes) -> None:
 
     Raises DataError if the file cannot be written.
     """
-    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
     try:
-        with part.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
+        with unfinished(path) as part:
+            with part.open("xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)
         folder = os.open(path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)  # the new name itself
@@ -65,7 +64,33 @@ def replace_file(path: Path, content: bytes) -> None:
             os.close(folder)
     except OSError as error:
         raise DataError(f"{path} could not be written: {error.strerror or error}") from error
+
+
+_PARTS: set[Path] = set()
+
+
+@contextmanager
+def unfinished(path: Path) -> Iterator[Path]:
+    """A hidden name beside that of a file or folder, to be renamed when it is whole; else nothing is left."""
+    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
+    _PARTS.add(part)
+    try:
+        yield part
     finally:
+        _discard(part)
+        _PARTS.discard(part)
+
+
+def discard_unfinished() -> None:
+    """Leave nothing of what this process has not finished, before it is ended in the middle of its work."""
+    for part in list(_PARTS):
+        _discard(part)
+
+
+def _discard(part: Path) -> None:
+    if part.is_dir():
+        shutil.rmtree(part, ignore_errors=True)
+    else:
         part.unlink(missing_ok=True)
 
 
