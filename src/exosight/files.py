@@ -1,6 +1,7 @@
 """Writing a file so that it is there whole or not at all, whatever happens meanwhile; versions; CSV text."""
 
 import csv
+import errno
 import io
 import math
 import os
@@ -13,14 +14,16 @@ from uuid import uuid4
 
 from exosight.errors import DataError
 
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Errors of a disk, or of one's share of it, that is full."""
+
 
 def write_new_file(path: Path, content: bytes) -> None:
     """Write a file that does not exist yet, on disk when this returns.
 
     Raises DataError if the file exists or cannot be written.
     """
-    if path.exists():
-        raise DataError(f"{path} exists and is not overwritten; choose another folder")
+    check_absent(path)
     replace_file(path, content)
 
 
@@ -30,16 +33,15 @@ def new_file(path: Path) -> Iterator[Path]:
 
     Raises DataError if the file exists or cannot be written.
     """
-    if path.exists():
-        raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
+    check_absent(path)
     try:
         with unfinished(path) as part:
             yield part
             os.replace(part, path)
+    except DataError:
+        raise
     except OSError as error:
-        if isinstance(error, DataError):
-            raise
-        raise DataError(f"{path} could not be written: {error.strerror or error}") from error
+        raise write_error(path, error) from error
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -63,7 +65,26 @@ def replace_file(path: Path, content: bytes) -> None:
         finally:
             os.close(folder)
     except OSError as error:
-        raise DataError(f"{path} could not be written: {error.strerror or error}") from error
+        raise write_error(path, error, len(content)) from error
+
+
+def check_absent(path: Path) -> None:
+    """Raise DataError if there is a file of this name: none is overwritten."""
+    if path.exists():
+        raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
+
+
+def write_error(path: Path, error: Exception, needed: int | None = None) -> DataError:
+    """Why a file could not be written, as one sentence; of a full disk also what is missing.
+
+    needed   bytes that were to be written, if that is known
+    """
+    text = f"{path}: cannot be written ({getattr(error, 'strerror', None) or error}"
+    if getattr(error, "errno", None) not in FULL:
+        return DataError(f"{text}); name a place that can be written")
+    wanted = "" if needed is None else f", {needed / 1e6:.3g} MB needed"
+    free = shutil.disk_usage(path.parent).free
+    return DataError(f"{text}{wanted}, {free / 1e6:.3g} MB free); make room, then run the same command again")
 
 
 _PARTS: set[Path] = set()

@@ -1,14 +1,15 @@
 """A run of the loop in real time as one HDF5 file, and the same frames through network and guard once more.
 
-It is written and flushed a second at a time, in HDF5's oldest layout, which keeps no mark of being open. So
-it can be read after the writing process was killed, and then ends with the last whole second.
+It is written and flushed a second at a time, in the order that HDF5 keeps for readers beside a writer (SWMR):
+at any moment the file is whole up to the last flushed second, and so it stays when the process is killed.
 """
 
 import hashlib
 import json
 import math
+import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -25,7 +26,7 @@ from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.realtime import STAGES, Step
 from exosight.control.scheduled import Scheduled
 from exosight.errors import DataError, InputError
-from exosight.files import check_format
+from exosight.files import check_absent, check_format, unfinished, write_error
 from exosight.system.schema import schema_from_dict, schema_to_dict
 
 FORMAT = 3
@@ -153,6 +154,7 @@ class Recorder:
     guarded the controller
     model   the network's file
 
+    The file takes its name with its first rows: what ends before leaves nothing that would stand in the way.
     Raises DataError if the file exists or cannot be written.
     """
 
@@ -160,16 +162,16 @@ class Recorder:
         self._path, self._shape, self._rows = path, shape, []
         self._columns = columns(guarded.config)
         self._block = max(1, round(1 / guarded.config.period))
-        with _told(path):
-            try:
-                path.open("xb").close()
-            except FileExistsError as error:
-                raise DataError(f"{path}: exists already; name a new file, nothing is overwritten") from error
-            _reserve(path, 0, _HEAD)
-            self._file = h5py.File(path, "w", libver=("earliest", "v110"))
-            _reserve(path, 0, _HEAD)
+        with _told(path), ExitStack() as stack:
+            check_absent(path)
+            self._at = stack.enter_context(unfinished(path))
+            self._at.open("xb").close()
+            _reserve(self._at, 0, _HEAD)
+            self._file = stack.enter_context(h5py.File(self._at, "w", libver="v110"))
+            _reserve(self._at, 0, _HEAD)
             _write_head(self._file, guarded, model, shape, self._block)
-            self._file.flush()
+            self._file.swmr_mode = True
+            self._open = stack.pop_all()
 
     def append(self, step: Step) -> None:
         """Take note of a step; once a second, all of them are written.
@@ -192,17 +194,21 @@ class Recorder:
                 self._write()
         finally:
             with _told(self._path):
-                self._file.close()
+                self._open.close()
 
     def _write(self) -> None:
         rows, self._rows = self._rows, []  # what could not be written once is not tried again
         with _told(self._path):
-            _reserve(self._path, self._file.id.get_filesize(), _HEAD + 2 * len(rows) * math.prod(self._shape))
+            _reserve(self._at, self._file.id.get_filesize(), _HEAD + 2 * len(rows) * math.prod(self._shape))
             for name in ("images", *self._columns):
                 data: Any = self._file[name]
                 data.resize(len(data) + len(rows), axis=0)
                 data[-len(rows) :] = np.stack([row[name] for row in rows])
             self._file.flush()
+            if self._at != self._path:
+                check_absent(self._path)
+                os.replace(self._at, self._path)
+                self._at = self._path
 
 
 def _reserve(path: Path, start: int, room: int) -> None:
@@ -220,17 +226,16 @@ def _told(path: Path) -> Iterator[None]:
     """Whatever HDF5 complains about, as one sentence."""
     try:
         yield
+    except DataError:
+        raise
     except (OSError, RuntimeError, ValueError) as error:
-        if isinstance(error, DataError):
-            raise
-        what = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise DataError(f"{path}: cannot be written ({what}); name a file where there is room") from error
+        raise write_error(path, error) from error
 
 
 def read_recording(path: Path) -> Recording:
     """A recording in memory; DataError if the file is missing, damaged or of another kind."""
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(path, "r", swmr=True) as file:
             version = str(file.attrs.get("format")).removeprefix(_FORMAT_PREFIX)
             found = int(version) if version.isdecimal() else None
             check_format(path, "recording", found, FORMAT, "record the run again with exosight live --record")
