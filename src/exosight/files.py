@@ -82,9 +82,12 @@ def write_error(path: Path, error: Exception, needed: int | None = None) -> Data
     text = f"{path}: cannot be written ({getattr(error, 'strerror', None) or error}"
     if getattr(error, "errno", None) not in FULL:
         return DataError(f"{text}); name a place that can be written")
-    wanted = "" if needed is None else f", {needed / 1e6:.3g} MB needed"
+    wanted = "" if needed is None else f", {needed / 1e6:.1f} MB needed"
     free = shutil.disk_usage(path.parent).free
-    return DataError(f"{text}{wanted}, {free / 1e6:.3g} MB free); make room, then run the same command again")
+    return DataError(
+        f"{text}{wanted}, {free / 1e6:.1f} MB free); make room and run the same command again, "
+        "with --resume where it has one"
+    )
 
 
 _PARTS: set[Path] = set()

@@ -1,8 +1,8 @@
 """Ctrl-C and SIGTERM end every command within two seconds, whatever it is doing.
 
-A signal raises `Stopped` in the main thread, so that files, folders and devices are closed in good order. Alone
-that does not suffice: Python looks at signals between its own instructions, and compiling takes seconds; an
-exception raised within a callback or a finaliser (JAX has both) is dropped, and the work goes on; a pool waits
+A signal raises `Stopped` in the main thread, so that files and devices are closed in good order. That
+alone does not suffice: Python looks at signals between its own instructions, and compiling takes seconds;
+what is raised within a callback or a finaliser (JAX has both) is dropped, and the work goes on; a pool waits
 for its threads. So the signal also wakes a thread, which ends the process once its time is over. That loses
 nothing: a file takes its name when it is whole.
 

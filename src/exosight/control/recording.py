@@ -2,6 +2,7 @@
 
 It is written and flushed a second at a time, in the order that HDF5 keeps for readers beside a writer (SWMR):
 at any moment the file is whole up to the last flushed second, and so it stays when the process is killed.
+Only the mark of being open stays in its head, which other programs want to have removed (h5clear -s).
 """
 
 import hashlib
@@ -38,6 +39,9 @@ STATES = tuple(State)
 
 _CAUSE_LENGTH = 160  # bytes
 _CAUSE = f"S{_CAUSE_LENGTH}"
+_SIGNATURE = b"\x89HDF\r\n\x1a\n\x03"
+_SUPERBLOCK = 44  # bytes, before its checksum
+_MARK = 11  # where it says that the file is open
 _HEAD = 2**18  # bytes: more than the controller's paths take, or what HDF5 adds to a second of steps
 _GUARD = TypeAdapter(GuardConfig)
 _ARRAYS = ("u", "outputs", "controlled", "snapped")
@@ -235,7 +239,7 @@ def _told(path: Path) -> Iterator[None]:
 def read_recording(path: Path) -> Recording:
     """A recording in memory; DataError if the file is missing, damaged or of another kind."""
     try:
-        with h5py.File(path, "r", swmr=True) as file:
+        with h5py.File(_unmarked(path), "r") as file:
             version = str(file.attrs.get("format")).removeprefix(_FORMAT_PREFIX)
             found = int(version) if version.isdecimal() else None
             check_format(path, "recording", found, FORMAT, "record the run again with exosight live --record")
@@ -254,6 +258,43 @@ def read_recording(path: Path) -> Recording:
     if steps == 0:
         raise DataError(f"{path}: holds no step; it was stopped within its first second")
     return Recording(*head, **{name: column[:steps] for name, column in values.items()})
+
+
+def _unmarked(path: Path) -> Any:
+    """What to open: the file, or of a killed process's one its bytes with a head as of a closed file.
+
+    Source: HDF5 File Format Specification 3.0, superblock version 3. HDF5's own way to open such a file waits
+    without end where it is damaged as well.
+    """
+    with path.open("rb") as file:
+        head = bytearray(file.read(_SUPERBLOCK))
+        if head[:9] != _SIGNATURE or len(head) < _SUPERBLOCK or not head[_MARK]:
+            return path
+        rest = file.read()[4:]  # less the checksum of the head
+    head[_MARK] = 0
+    head[28:36] = (len(head) + 4 + len(rest)).to_bytes(8, "little")  # the size, which only closing updates
+    return h5py.h5f.open_file_image(bytes(head) + _lookup3(bytes(head)).to_bytes(4, "little") + rest)
+
+
+def _lookup3(data: bytes) -> int:
+    """Checksum of metadata in HDF5: hashlittle of Bob Jenkins's lookup3, of 13 bytes or more."""
+
+    def rotated(x: int, bits: int) -> int:
+        return (x << bits | x >> (32 - bits)) & 0xFFFFFFFF
+
+    a = b = c = 0xDEADBEEF + len(data)
+    for start in range(0, len(data), 12):
+        block = data[start : start + 12].ljust(12, b"\0")
+        a, b, c = (
+            (x + int.from_bytes(block[i : i + 4], "little")) & 0xFFFFFFFF
+            for x, i in zip((a, b, c), (0, 4, 8), strict=True)
+        )
+        if start + 12 < len(data):
+            for bits in (4, 6, 8, 16, 19, 4):
+                a, b, c = b, (c + b) & 0xFFFFFFFF, ((a - c) & 0xFFFFFFFF) ^ rotated(c, bits)
+    for bits in (14, 11, 25, 16, 4, 14, 24):
+        a, b, c = b, ((c ^ b) - rotated(b, bits)) & 0xFFFFFFFF, a
+    return b
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,7 +132,10 @@ def live(
     finally:
         if log.steps:
             rest = f"{config.channel} is back at 0 {config.driven.unit}"
-            say(f"{rest} after {log.steps} steps" + (f"; wrote {run.record}" if run.record else ""))
+            say(
+                f"{rest} after {log.steps} steps"
+                + (f"; wrote {run.record}" if run.record and run.record.exists() else "")
+            )
             if json is not None:
                 write_json(log.summary(), json)
             elif device.send != "-":
