@@ -144,6 +144,7 @@ def test_a_stop_lets_go_first(
         (["--source", "nothing"], "source"),
         (["--source", "63"], "camera 63"),
         (["--send", "-"], "--source"),
+        (["--crop", "0", "0", "9"], "--source"),
         (["--target", "-1"], "target"),
         (["--rate", "0"], "rate"),
         (["--r0", "0.02"], "r0"),

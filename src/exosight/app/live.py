@@ -18,9 +18,10 @@ from exosight.control.recording import Recorder
 from exosight.control.scheduled import Scheduled
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.simulated_device import SimulatedDevice
-from exosight.control.sources import Crop, open_source
+from exosight.control.sources import open_source
 from exosight.evaluation.tables import Column, Table
 from exosight.system.system import System
+from exosight.vision.pictures import Crop
 
 
 class Log:
