@@ -70,10 +70,11 @@ def estimate(
         if json is None:
             caption = f"{path}, {100 * level:g} % intervals"
             show(_table(schema, caption, rows, totals))
-            if ood_score > 1:
+            if read.ood_score[0] > 1:
+                score = np.ceil(100 * float(read.ood_score[0])) / 100  # above 1 it never reads as 1.00
                 say(
-                    f"do not trust these: the picture is out of distribution (OOD score {ood_score:g}, "
-                    "trusted up to 1)"
+                    f"do not trust these: the picture is out of distribution (OOD score {score:.2f}, trusted "
+                    "up to 1)"
                 )
     if json is not None:
         write_json({"level": level, "estimates": found, "failures": failures}, json)
