@@ -68,7 +68,9 @@ def test_a_simulated_exosuit_is_pressed_recorded_and_replayed(
         [
             "live",
             "--seconds",
-            "1.5",
+            "2.5",
+            "--rate",
+            "6",
             "--record",
             str(tmp_path / "run.h5"),
             "--json",
@@ -126,7 +128,9 @@ def test_the_log_says_the_state_its_reason_and_what_was_missed(known: Controller
         cause = guarded.log[-1].cause if len(guarded.log) > changes else ""
         times = np.full(4, 0.05)
         log.append(
-            Step(float(i), 0.2, measurement, None, u, guarded.state, cause, times, 0.0, guarded.problem, i % 2)
+            Step(
+                float(i), 0.2, measurement, None, u, guarded.state, cause, times, 0.0, guarded.problem, i % 2
+            )
         )
     lines = "\n".join(said)
     assert "a black or blank frame: uncover the lens" in lines

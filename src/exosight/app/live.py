@@ -23,7 +23,6 @@ from exosight.evaluation.tables import Column, Table
 from exosight.system.system import System
 from exosight.vision.pictures import Crop
 
-
 WORDS = {State.SLOW: "loads slowly", State.HOLD: "holds", State.RELEASE: "releases"}
 """What the controller does in each state but the normal one."""
 
@@ -101,10 +100,11 @@ class Log:
         words = f"{driven.name} is back at 0 {driven.unit} after {self.steps} steps"
         if not self.missed:
             return f"{words}, one in each period of {period}"
-        took, most = 1e3 * np.quantile(self.seconds.sum(axis=1), [0.5, 1.0])
+        took, longest = 1e3 * np.quantile(self.seconds.sum(axis=1), [0.5, 1.0])
         return (
             f"{words}; {self.missed} of {self.steps + self.missed} periods of {period} were missed, as steps "
-            f"took {took:.0f} ms (median), {most:.0f} ms at most: choose a smaller --rate, or end other programs"
+            f"took {took:.0f} ms (median), {longest:.0f} ms at most: choose a smaller --rate, or end other "
+            "programs"
         )
 
     def summary(self) -> dict[str, Any]:
@@ -164,7 +164,7 @@ def on_simulation(run: LiveRun, log: Log) -> None:
 def opened(
     source: str | None, network: OnnxEstimator, crop: Crop | None
 ) -> Iterator[tuple[FrameStream, bool] | None]:
-    """The frames of a source, one of which has been read, and whether a camera gives them; None: no source."""
+    """The frames of a source, one of which has been read, and whether a camera gives them, or None without a source."""
     if source is None:
         yield None
         return
