@@ -68,8 +68,8 @@ def array(
     if not isinstance(data, h5py.Dataset) or data.external or data.is_virtual:
         raise ValueError(f"{name} is not an array of this file")
     found = data.shape
-    fits = found is not None and len(found) == len(shape)
-    if data.dtype != np.dtype(kind) or not fits or any(map(_differs, shape, found)):
+    same = found is not None and len(found) == len(shape) and not any(map(_differs, shape, found))
+    if data.dtype != np.dtype(kind) or not same:
         wanted = str(shape).replace("None", "any")
         raise ValueError(f"{name} expects {np.dtype(kind)} {wanted}, got {data.dtype} {found}")
     if _filters(data) not in ([], [h5py.h5z.FILTER_DEFLATE]):
