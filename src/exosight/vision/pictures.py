@@ -69,7 +69,9 @@ def _decoded(data: bytes, name: str) -> UInt8[np.ndarray, "rows columns"]:
                 deep = picture.mode.startswith("I;16")
                 if picture.mode in ("I", "F"):
                     raise DataError(f"{name}: more than 16 bits a pixel; save it with 8 or 16")
-                return (np.asarray(picture) >> 8).astype(np.uint8) if deep else np.asarray(picture.convert("L"))
+                return (
+                    (np.asarray(picture) >> 8).astype(np.uint8) if deep else np.asarray(picture.convert("L"))
+                )
     except DataError:
         raise
     except Image.DecompressionBombError:
