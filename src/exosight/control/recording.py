@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, UInt8
+from jaxtyping import Bool, Float, Float32, Int8, Int32, UInt8
 from pydantic import TypeAdapter, ValidationError
 
 from exosight import __version__
@@ -28,7 +28,7 @@ from exosight.errors import DataError, InputError
 from exosight.files import check_format
 from exosight.system.schema import schema_from_dict, schema_to_dict
 
-FORMAT = 3
+FORMAT = 4
 """Version of recordings; a reader takes this one."""
 
 _FORMAT_PREFIX = "exosight recording "
@@ -107,6 +107,7 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
             "f8", (len(STAGES),), "s", f"that these took: {', '.join(STAGES)}", lambda s: s.seconds
         ),
         "late": Column("f8", (), "s", "how long after its time the step began", lambda s: s.late),
+        "missed": Column("i4", (), "", "periods without a step since the last one", lambda s: s.missed),
     }
 
 
@@ -140,6 +141,7 @@ class Recording:
     cause: np.ndarray
     seconds: Float[np.ndarray, "steps 4"]
     late: Float[np.ndarray, " steps"]
+    missed: Int32[np.ndarray, " steps"]
 
     def __len__(self) -> int:
         return len(self.time)
@@ -289,7 +291,7 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
                 float(recording.age[i]),
                 None if np.isnan(reported).all() else reported,
             )
-        command[i] = guarded.step(float(recording.target[i]), measurement)
+        command[i] = guarded.step(float(recording.target[i]), measurement, int(recording.missed[i]))
         state[i] = STATES.index(guarded.state)
     return Replay(estimated, command, state)
 

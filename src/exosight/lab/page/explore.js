@@ -4,7 +4,7 @@ import { ask, file } from "./api.js";
 import { lineChart, sensorTable } from "./charts.js";
 import { group, pick, slider } from "./controls.js";
 import { scene, tubeLegend } from "./scene.js";
-import { by, digitsOf, download, fixed, html, named, quantity, round125, standalone } from "./svg.js";
+import { by, digitsOf, download, fixed, html, named, quantity, round125, scoreWords, standalone } from "./svg.js";
 
 const LONGEST_WAY = 48;  // stops; the server takes up to 64
 const LONGEST_TRAIL = 400;  // points
@@ -12,8 +12,8 @@ const QUIET = 300;  // ms without a change until the whole path is asked for, an
 
 export function explore(about, problem) {
   const { channels, sensors } = about;
-  const view = { design: { ...about.start.design }, drive: about.start.drive.map((stop) => [...stop]), look: { ...about.start.look } };
-  const chosen = { channel: 0, sensor: sensors.find(({ name }) => name === about.controlled) };
+  const view = {};  // what is asked for: design, drive and look; `apply` fills it
+  const chosen = {};  // what is charted: a sensor, and the place of a channel
   const pose = scene(by("pose"), about);
   const estimates = !about.network.refusal;
   const table = sensorTable(by("sensors"), sensors, { truth: true, estimates });
@@ -33,6 +33,7 @@ export function explore(about, problem) {
 
   async function update() {
     clearTimeout(quiet);
+    document.dispatchEvent(new CustomEvent("changed"));
     if (busy) { again = true; return; }
     busy = true;
     do {
@@ -52,11 +53,13 @@ export function explore(about, problem) {
         problem();
       } catch (error) {
         problem(error.message);
+        if (!shown && error.refused) document.dispatchEvent(new CustomEvent("refused", { detail: error.message }));
       }
     } while (again);
     busy = false;
     sent = 0;
     document.dispatchEvent(new CustomEvent("shown"));
+    document.dispatchEvent(new CustomEvent("changed"));
   }
 
   function show(found) {
@@ -82,7 +85,7 @@ export function explore(about, problem) {
     by("value-estimated").textContent = value === undefined ? "none" : quantity(value, unit);
     if (!shown.reading) return;
     const { ood_score: score } = shown.reading, { state, cause } = shown.guard;
-    by("ood_score").textContent = `${fixed(score, 2)}${score > 1 ? ", do not trust" : ""}`;
+    by("ood_score").textContent = `${scoreWords(score)}${score > 1 ? ", do not trust" : ""}`;
     by("guard").textContent = state;
     by("guard").className = `state ${state}`;
     by("guard-cause").textContent = `Guard, given this image: ${cause}.`;
@@ -179,10 +182,15 @@ export function explore(about, problem) {
   function redesigned(key, value) {
     view.design[key] = value;
     view.drive = [now()];
+    anew();
+  }
+
+  function anew() {
     sent = 0;
     changes++;
     stop?.abort();
     trail = [];
+    showCommands();
     update();
   }
 
@@ -215,17 +223,18 @@ export function explore(about, problem) {
       chosen.sensor = sensors.find((each) => each.name === name);
       rechosen();
     });
-    const channel = pick("Channel", channels.map(({ name }) => ({ name, label: name })), channels[0].name, (name) => {
+    const channel = pick("Channel", channels.map(({ name }) => ({ name, label: name })), channels[chosen.channel].name, (name) => {
       if (sweeping) sweep();
       chosen.channel = channels.findIndex((each) => each.name === name);
       rechosen();
     });
-    by("choices").append(sensor, ...(channels.length > 1 ? [channel] : []));
+    by("choices").replaceChildren(sensor, ...(channels.length > 1 ? [channel] : []));
   }
 
   function rechosen() {
     title();
     showCommands();
+    document.dispatchEvent(new CustomEvent("changed"));
     if (!shown) return;
     facts();
     drawPath();
@@ -272,10 +281,19 @@ export function explore(about, problem) {
   for (const each of document.querySelectorAll(".estimates")) each.hidden = !estimates;
   by("no-estimates").hidden = estimates;
   by("no-estimates").textContent = estimates ? "" : `${about.network.refusal[0].toUpperCase()}${about.network.refusal.slice(1)}.`;
-  build();
-  choices();
-  title();
-  showCommands();
-  update();
-  return { view, seen: () => shown };
+
+  /** Settings from the page's address: a view, and what is charted of it. */
+  function apply(wanted) {
+    if (sweeping) sweep();
+    Object.assign(view, wanted.view);
+    chosen.sensor = sensors.find(({ name }) => name === wanted.sensor);
+    chosen.channel = channels.findIndex(({ name }) => name === wanted.channel);
+    build();
+    choices();
+    title();
+    anew();
+  }
+
+  const state = () => ({ view, sensor: chosen.sensor.name, channel: channels[chosen.channel].name });
+  return { view, seen: () => shown, apply, state };
 }
