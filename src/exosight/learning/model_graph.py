@@ -36,7 +36,7 @@ _FIELDS: dict[str, set[str]] = {
 }
 """What the exporter writes: no function, subgraph, sparse tensor or other file among it."""
 _PLAIN = AttributeProto.INT, AttributeProto.FLOAT, AttributeProto.STRING, AttributeProto.INTS
-_ITEM = {TensorProto.FLOAT: 4, TensorProto.INT64: 8}  # bytes
+_ITEM: dict[int, int] = {TensorProto.FLOAT: 4, TensorProto.INT64: 8}  # bytes
 _RESULTS = {*_ITEM, TensorProto.BOOL}
 
 # The networks of exosight have 66 nodes at most; an image takes at most 76 numbers a pixel (light with 8
