@@ -132,6 +132,7 @@ def put(name: str, value: float, place: int = 3) -> Callable[[h5py.File], None]:
         ("time", 0.1, "times do not rise"),
         ("state", 4, "state expects 0…3, got 0…4"),
         ("state", -1, "state expects 0…3"),
+        ("missed", -1, "missed expects at least 0"),
         ("controller/loading/outputs", 1e300, "beyond 1e+09"),
         ("controller/loading/u", np.nan, "expected finite numbers"),
     ],

@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
 from exosight.vision.pictures import read_gray
 
 
@@ -49,6 +49,18 @@ def test_another_aspect_ratio_is_refused(tmp_path: Path) -> None:
         read_gray(path, 128, 128)
     with pytest.raises(DataError, match=r"expected the aspect ratio 160:120, got 200×100 pixels; crop it"):
         read_gray(path, 160, 120)
+
+
+def test_a_crop_makes_any_picture_fit_and_must_lie_within_it(tmp_path: Path) -> None:
+    picture = np.zeros((480, 640), np.uint8)
+    picture[:, 80:560] = 200
+    path = write(tmp_path / "a.png", picture)
+    with pytest.raises(DataError, match="--crop 80 0 480 takes its middle"):
+        read_gray(path, 128, 128)
+    assert np.all(read_gray(path, 128, 128, (80, 0, 480)) == 200)
+    for crop in ((161, 0, 480), (80, 1, 480), (-1, 0, 10), (0, 0, 0)):
+        with pytest.raises(InputError, match=f"within the 640×480 of {path}, got {crop[0]} {crop[1]}"):
+            read_gray(path, 128, 128, crop)
 
 
 def test_one_pixel_more_on_a_side_is_no_other_aspect_ratio(tmp_path: Path) -> None:

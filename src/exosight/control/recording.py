@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, UInt8
+from jaxtyping import Bool, Float, Float32, Int8, Int32, UInt8
 from pydantic import TypeAdapter, ValidationError
 
 from exosight import __version__
@@ -28,7 +28,7 @@ from exosight.hdf5 import array, group, opened, stored_rows, text, whole_array
 from exosight.system.schema import schema_from_dict, schema_to_dict
 from exosight.validation import first_fault
 
-FORMAT = 3
+FORMAT = 4
 """Version of recordings; a reader takes this one."""
 
 _FORMAT_PREFIX = "exosight recording "
@@ -114,6 +114,7 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
             "f8", (len(STAGES),), "s", f"that these took: {', '.join(STAGES)}", lambda s: s.seconds
         ),
         "late": Column("f8", (), "s", "how long after its time the step began", lambda s: s.late),
+        "missed": Column("i4", (), "", "periods without a step since the last one", lambda s: s.missed),
     }
 
 
@@ -148,6 +149,7 @@ class Recording:
     cause: np.ndarray
     seconds: Float[np.ndarray, "steps 4"]
     late: Float[np.ndarray, " steps"]
+    missed: Int32[np.ndarray, " steps"]
 
     def __len__(self) -> int:
         return len(self.time)
@@ -368,5 +370,7 @@ def _check_values(name: str, values: np.ndarray, column: Column) -> None:
             raise ValueError(f"{name} holds something else than numbers up to {_LARGEST:g} in size")
     if name == "time" and np.any(np.diff(values) < 0):
         raise ValueError("its times do not rise")
+    if name == "missed" and np.any(values < 0):
+        raise ValueError(f"missed expects at least 0, got {values.min()}")
     if name == "state" and not np.all((values >= 0) & (values < len(STATES))):
         raise ValueError(f"state expects 0…{len(STATES) - 1}, got {values.min()}…{values.max()}")

@@ -51,6 +51,6 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
                 float(recording.age[i]),
                 None if np.isnan(reported).all() else reported,
             )
-        command[i] = guarded.step(float(recording.target[i]), measurement)
+        command[i] = guarded.step(float(recording.target[i]), measurement, int(recording.missed[i]))
         state[i] = STATES.index(guarded.state)
     return Replay(estimated, command, state)

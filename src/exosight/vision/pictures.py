@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import UInt8
 from PIL import Image, ImageOps, _imaging
 
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
 from exosight.files import read_file
 
 LARGEST_FILE = 256 * 2**20  # [bytes]
@@ -24,16 +24,24 @@ with suppress(AttributeError, OSError):  # a Pillow without libtiff, or with one
     # libtiff writes about damaged files to the process's stderr, and Pillow lets it.
     ctypes.CDLL(_imaging.__file__).TIFFSetErrorHandler(None)
 
+Crop = tuple[int, int, int]
+"""Left edge, upper edge and width [pixels] of the part of a picture that the network gets; its height follows
+from the network's aspect ratio."""
 
-def read_gray(path: Path, width: int, height: int) -> UInt8[np.ndarray, "height width"]:
+
+def read_gray(
+    path: Path, width: int, height: int, crop: Crop | None = None
+) -> UInt8[np.ndarray, "height width"]:
     """A picture file (PNG, JPEG, TIFF, …) as gray values 0…255; see `decode_gray`.
 
-    Raises DataError if the file is missing or too large, and where `decode_gray` does.
+    Raises DataError if the file is missing or too large, and what `decode_gray` raises.
     """
-    return decode_gray(read_file(path, LARGEST_FILE, "expected a picture"), str(path), width, height)
+    return decode_gray(read_file(path, LARGEST_FILE, "expected a picture"), str(path), width, height, crop)
 
 
-def decode_gray(data: bytes, name: str, width: int, height: int) -> UInt8[np.ndarray, "height width"]:
+def decode_gray(
+    data: bytes, name: str, width: int, height: int, crop: Crop | None = None
+) -> UInt8[np.ndarray, "height width"]:
     """The content of a picture file as gray values 0…255, shrunk or enlarged to the size wanted.
 
     Colours become gray by Rec. 601; transparency is ignored, and of all else that comes with the picture
@@ -41,16 +49,22 @@ def decode_gray(data: bytes, name: str, width: int, height: int) -> UInt8[np.nda
 
     name            of the file, for messages
     width, height   [pixels]
+    crop            the part that is taken; by default all of it
 
-    Raises DataError if it is no picture, damaged, too large, or of another aspect ratio: a stretched picture
-    shows another pose.
+    Raises DataError if it is no picture, damaged, too large, or without a crop of another aspect ratio: a
+    stretched picture shows another pose. Raises InputError if the crop leaves the picture.
     """
     picture = _decoded(data, name)
     rows, columns = picture.shape
+    if crop is not None:
+        return cropped(picture, width, height, crop, name)
     # Within one pixel of the smaller picture.
     if abs(columns * height - rows * width) > max(rows, columns, width, height):
         expected = "a square picture" if width == height else f"the aspect ratio {width}:{height}"
-        raise DataError(f"{name}: expected {expected}, got {columns}×{rows} pixels; crop it")
+        middle = "--crop {} {} {}".format(*middle_of((rows, columns), width, height))
+        raise DataError(
+            f"{name}: expected {expected}, got {columns}×{rows} pixels; crop it, {middle} takes its middle"
+        )
     return resized(picture, width, height)
 
 
@@ -80,6 +94,32 @@ def _decoded(data: bytes, name: str) -> UInt8[np.ndarray, "rows columns"]:
         raise DataError(
             f"{name}: not a picture that can be read, or damaged; give a PNG, JPEG or TIFF file"
         ) from error
+
+
+def cropped(
+    picture: UInt8[np.ndarray, "rows columns"], width: int, height: int, crop: Crop, name: str
+) -> UInt8[np.ndarray, "height width"]:
+    """A part of a gray picture in the size that the network takes [pixels].
+
+    name   of the picture, for messages
+
+    Raises InputError if the crop leaves the picture.
+    """
+    (rows, columns), (left, top, side) = picture.shape, crop
+    high = max(1, round(side * height / width))
+    if not (left >= 0 and top >= 0 and side >= 1 and left + side <= columns and top + high <= rows):
+        raise InputError(
+            f"crop: expected left, top and width of {side}×{high} pixels within the {columns}×{rows} of "
+            f"{name}, got {left} {top} {side}"
+        )
+    return resized(picture[top : top + high, left : left + side], width, height)
+
+
+def middle_of(shape: tuple[int, int], width: int, height: int) -> Crop:
+    """The largest part with the network's aspect ratio, in the middle of a picture of (rows, columns)."""
+    rows, columns = shape
+    side = max(1, min(columns, rows * width // height))
+    return (columns - side) // 2, (rows - max(1, side * height // width)) // 2, side
 
 
 def resized(
