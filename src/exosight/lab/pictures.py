@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from exosight.arrays import AnyArray
 from exosight.lab.settings import Look
 from exosight.system.camera import project
 from exosight.system.system import System
@@ -58,7 +59,7 @@ def _appearance(look: Look) -> Appearance:
 
 
 def tubes_outside(
-    look: Look, system: System, axes: Mapping[str, Float[np.ndarray, "nodes 3"]]
+    look: Look, system: System, axes: Mapping[str, Float[AnyArray, "nodes 3"]]
 ) -> tuple[str, ...]:
     """Names of the tubes that reach beyond the image of the view's camera, by more than half a pixel.
 
@@ -69,7 +70,7 @@ def tubes_outside(
     circle = np.stack([np.cos(angle), np.zeros(_AROUND), np.sin(angle)], axis=-1)
     outside = []
     for tube in system.tubes:
-        edge = axes[tube.name][:, None] + np.asarray(tube.radius)[:, None, None] * circle
+        edge = np.asarray(axes[tube.name])[:, None] + np.asarray(tube.radius)[:, None, None] * circle
         points = project(camera, edge.reshape(-1, 3))[None]
         place = transformed_points(columns, points, camera.width, camera.height)[0]
         if np.any(place < -0.5) or np.any(place > (camera.width + 0.5, camera.height + 0.5)):
