@@ -8,7 +8,7 @@ import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -275,6 +275,8 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
 
     Raises InputError if the network takes pictures of another size, or reads off other sensors.
     """
+    with suppress(DataError):
+        read(recording.images[:1])  # `read_one` takes pictures of another size for bad frames
     guarded = Guarded(Scheduled(recording.controller), recording.guard)
     estimated, state = np.zeros_like(recording.estimated), recording.state.copy()
     command = np.zeros(len(recording))
