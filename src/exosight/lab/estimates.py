@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from exosight.control import Guarded, Measurement, Scheduled
-from exosight.control.estimator import Reading, shown_score
+from exosight.control.estimator import Reading
 from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.tuning import default_limits, default_rate
@@ -24,7 +24,7 @@ def reading_of(reading: Reading, schema: Schema) -> dict[str, Any]:
     for name in schema.controllable:
         if name not in estimates:
             estimates[name] = {"value": round(float(schema.weights(name) @ reading.forces[0]), 5)}
-    return {"estimates": estimates, "ood_score": shown_score(reading.ood_score[0])}
+    return {"estimates": estimates, "ood_score": float(reading.ood_score[0])}
 
 
 def judge(image: UInt8[np.ndarray, "height width"], reading: Reading, schema: Schema) -> dict[str, str]:
