@@ -20,10 +20,10 @@ DOORS = {
     "system": ("system", 2),
     "recording": ("arrays", 1),
     "dataset": ("arrays", 1),
-    "picture": ("pictures", 86),
+    "picture": ("pictures", 70),
     "model": ("models", 3),
     "command": ("commands", 5),
-    "page": ("page", 2),
+    "page": ("page", 18),
 }
 """Module of each, and its share of the inputs [%]: what is quick gets more."""
 
