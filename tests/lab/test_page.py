@@ -163,7 +163,7 @@ def test_what_is_said_of_a_score_agrees_with_its_digits(open_page: Callable[...,
             return [0.004, 0.996, 1, 1.0004, 1.016, 17.554].map(scoreWords);
         }"""
     )
-    assert said == ["0.00", "1.00", "1.00", "1.01", "1.02", "17.55"]
+    assert said == ["0.00", "1.00", "1.00", "1.01", "1.02", "17.56"]
 
 
 def test_the_ends_of_an_axis_stand_apart(open_page: Callable[..., Page]) -> None:
