@@ -449,7 +449,7 @@ def test_a_part_of_an_image_of_other_proportions_is_estimated(
         page.keyboard.press("+")
         page.keyboard.press("-")
     page.get_by_role("button", name="Estimate this crop").click()
-    expect(page.locator("#verdict")).to_contain_text("within the training distribution")
+    expect(page.locator("#verdict")).to_contain_text("within the training distribution", timeout=SOON)
     estimated = float(page.locator("#verdict").inner_text().split()[1])
     assert estimated == pytest.approx(net_force(lab, lab.start), abs=0.03)
 
@@ -467,11 +467,11 @@ def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page
         )
         page.dispatch_event("#drop", "drop", {"dataTransfer": dropped})
         words = "within the training distribution" if name == "pose.png" else "Do not trust these estimates"
-        expect(page.locator("#verdict")).to_contain_text(words)
+        expect(page.locator("#verdict")).to_contain_text(words, timeout=SOON)
     page.locator("#file").set_input_files(
         {"name": "bad.png", "mimeType": "image/png", "buffer": b"not a picture"}
     )
-    expect(page.locator("#file-problem")).to_contain_text("not one that can be read")
+    expect(page.locator("#file-problem")).to_contain_text("that can be read")
     expect(page.locator("#result")).to_be_hidden()
     page.locator("#file").set_input_files(
         {"name": "large.png", "mimeType": "image/png", "buffer": bytes(9 * 2**20)}
