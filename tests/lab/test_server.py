@@ -318,7 +318,6 @@ def test_the_address_is_printed_with_its_token_and_a_taken_port_is_refused() -> 
         port = listener.getsockname()[1]
         assert address_of("127.0.0.1", listener, None) == f"http://127.0.0.1:{port}/"
         assert address_of("::1", listener, "abc") == f"http://[::1]:{port}/?token=abc"
-        listener.listen()
         with pytest.raises(InputError, match="choose another --port"):
             listen("127.0.0.1", port)
     with pytest.raises(InputError, match="choose another"):
