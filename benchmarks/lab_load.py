@@ -1,4 +1,4 @@
-"""The lab under load: `python -m benchmarks.lab_load`, on an idle machine. All that it sends stays on this machine.
+"""The lab under load: `python -m benchmarks.lab_load`, on an idle machine, which all of it stays on.
 
 half-open  520 connections that have sent half a head and no token: the time of a view asked for with it
 heavy      50 closed loops, paths of exosuits that nobody has seen, and large images: the time of a light view

@@ -15,7 +15,7 @@ def printable(text: str) -> str:
 
 
 class ExosightError(Exception):
-    """Base of everything exosight raises on purpose: its message is one printable line."""
+    """Base of everything exosight raises on purpose; its message is one printable line."""
 
     def __init__(self, message: object = "") -> None:
         super().__init__(printable(" ".join(str(message).split())))

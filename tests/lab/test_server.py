@@ -25,7 +25,7 @@ from lab_server import Address, served
 from PIL import Image
 
 from exosight.errors import InputError
-from exosight.lab import connections, run_stream, security, uploads
+from exosight.lab import connections, run_stream, security
 from exosight.lab.pose_cache import PoseCache
 from exosight.lab.security import LOOPBACK
 from exosight.lab.server import access, address_of, application, listen
@@ -186,11 +186,6 @@ def test_pictures_of_a_wrong_shape_or_size_are_refused(
     assert "at most 8 MiB" in sentence_of(oversized)
     assert client.post("/api/view", content=b" " * 100_000, headers=JSON).status_code == 413
     alive()
-
-
-def test_the_reader_of_uploads_knows_no_other_kinds_of_file() -> None:
-    with pytest.raises(OSError, match="not one that can be read"):
-        uploads.read_upload(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", 128, 128)
 
 
 @pytest.mark.parametrize("path", TRICKS)

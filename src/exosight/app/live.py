@@ -164,7 +164,7 @@ def on_simulation(run: LiveRun, log: Log) -> None:
 def opened(
     source: str | None, network: OnnxEstimator, crop: Crop | None
 ) -> Iterator[tuple[FrameStream, bool] | None]:
-    """The frames of a source, one of which has been read, and whether a camera gives them, or None without a source."""
+    """The frames of a source, one of them read already, and whether a camera gives them; None without one."""
     if source is None:
         yield None
         return
