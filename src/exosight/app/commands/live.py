@@ -132,7 +132,7 @@ def live(
                 on_source(started, frames, device.send, log)
         finally:
             if log.steps:
-                say(log.end() + (f"; wrote {run.record}" if run.record else ""))
+                say(log.end() + (f"; wrote {run.record}" if run.record and run.record.exists() else ""))
                 if json is not None:
                     write_json(log.summary(), json)
                 elif device.send != "-":
