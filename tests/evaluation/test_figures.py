@@ -102,12 +102,12 @@ def test_axes_say_quantity_and_unit(name, expected, drawn):
 
 def test_process_wide_style_stays_as_it_was():
     before = dict(matplotlib.rcParams)
-    figures.to_svg(every_figure()["path"])
+    figures.to_bytes(every_figure()["path"])
     assert dict(matplotlib.rcParams) == before
 
 
 def test_svg_is_reproducible_and_holds_no_text_to_be_fetched():
-    first, again = (figures.to_svg(loss_figure()) for _ in range(2))
+    first, again = (figures.to_bytes(loss_figure()) for _ in range(2))
     assert first == again
     assert b"<text" not in first
     assert b"<image" not in first
@@ -281,7 +281,7 @@ def test_any_number_of_sensors_has_a_panel_each(count: int):
         shown = [ax for ax in figure.axes if ax.axison and (ax.get_title() or "zone" in ax.get_ylabel())]
         names = [(ax.get_title() or ax.get_ylabel()).replace(":", " ").split()[0] for ax in shown]
         assert sorted(names) == sorted(schema.outputs)
-        figures.to_svg(figure)
+        figures.to_bytes(figure)
 
 
 def test_figures_of_another_system_have_its_names_and_units_and_no_paper():
