@@ -54,7 +54,8 @@ def plot_trials(trials: Sequence[Trial]) -> Figure:
     """Sensor and command of every trial over time, constant targets apart from those that are released."""
     panels = []
     for released in (False, True):
-        chosen = [trial for trial in trials if trial.released == released]
+        # The largest gain swings most, so it is drawn first and lies at the back.
+        chosen = [trial for trial in sorted(trials, key=lambda t: -t.gain) if trial.released == released]
         if not chosen:
             continue
         sensor, channel = chosen[0].record.controlled, chosen[0].record.driven

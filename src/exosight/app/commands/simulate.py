@@ -98,7 +98,7 @@ def simulate(
         result = {"exosuit": {**shape_to_dict(worn.shape), **about}, "units": UNITS, "path": records}
         table = _table(records)
         found = solved.system, solved.u[:, None], solved.observation
-    _say_lost(result["path"])
+    _say_faults(found[0], found[2], result["path"])
     if poses:
         _add_poses(result, found[0], found[2])
     if plot is not None:
@@ -119,7 +119,12 @@ def _add_poses(result: dict[str, Any], system: "System", seen: "Observation") ->
         record |= {name: values[i].tolist() for name, values in shapes.items()}
 
 
-def _say_lost(records: list[dict[str, Any]]) -> None:
+def _say_faults(system: "System", seen: "Observation", records: list[dict[str, Any]]) -> None:
+    from exosight.dataset.simulation import CROSSING, crossing
+
+    crossed = int(crossing(system, seen.axes).sum())
+    if crossed:
+        say(f"in {crossed} of {len(records)} poses {CROSSING}")
     lost = sum(not record["converged"] for record in records)
     if lost:
         say(f"{lost} of {len(records)} loads found no stable equilibrium; their numbers are the best found")

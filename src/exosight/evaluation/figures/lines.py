@@ -80,8 +80,7 @@ def curves(x_label: str, panels: Sequence[Panel], columns: int = 1) -> Figure:
                 colour = _COLOURS[place % len(_COLOURS)]
                 few = len(curve.x) <= _FEW
                 dash = ("-", "--", "-.", ":")[place % 4 if not few else place // len(_COLOURS) % 4]
-                # What comes first, such as the smallest gain, swings least and lies in front.
-                style = {"color": colour, "linestyle": dash, "zorder": 3 - 0.1 * place}
+                style = {"color": colour, "linestyle": dash}
                 if few:
                     style |= {"marker": _MARKERS[place % len(_MARKERS)], "markersize": 3}
                 place += 1
