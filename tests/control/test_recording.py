@@ -23,7 +23,8 @@ from exosight.control import (
 )
 from exosight.control.estimator import DEFAULT_MODEL, Reading
 from exosight.control.realtime import Clock, Step, run_live
-from exosight.control.recording import STATES, Recorder, checksum, read_recording, replay
+from exosight.control.recording import STATES, Recorder, checksum, read_recording
+from exosight.control.replay import replay
 from exosight.control.sources import Frame
 from exosight.errors import DataError, InputError
 from exosight.vision.ood_images import draw_ood_images
@@ -90,8 +91,9 @@ def test_what_is_recorded_is_read(tmp_path: Path, straight_config: ControllerCon
     assert np.flatnonzero(~told.has_estimate).tolist() == [7, 11, 12, 13]
     assert np.isnan(told.true[11]).all()
     np.testing.assert_array_equal(told.true[20], np.full(7, 0.01 * 20))
-    for i in (0, 20, 46):
-        np.testing.assert_array_equal(told.images[i], steps[i].measurement.image)
+    for i, image in enumerate(told.images()):
+        if i not in (11, 12, 13):
+            np.testing.assert_array_equal(image, steps[i].measurement.image)
     assert told.guard.uncertain_width == 0.5
     assert told.model == checksum(Path(__file__))
     np.testing.assert_array_equal(told.controller.unloading.outputs, straight_config.unloading.outputs)
@@ -229,7 +231,7 @@ def test_another_file_is_refused(tmp_path: Path, straight_config: ControllerConf
         file["time"] = [0.0]
     with pytest.raises(DataError, match="not a recording"):
         read_recording(tmp_path / "other.h5")
-    with pytest.raises(DataError, match="not found"):
+    with pytest.raises(DataError, match="no such file"):
         read_recording(tmp_path / "missing.h5")
 
 

@@ -11,7 +11,8 @@ from exosight.app.console import say
 from exosight.arrays import AnyArray
 from exosight.control.estimator import Reading
 from exosight.control.paths import ControllerConfig
-from exosight.control.recording import Recording, Replay
+from exosight.control.recording import Recording
+from exosight.control.replay import Replay
 from exosight.control.trials import Trial
 from exosight.evaluation.figures import Curve, Panel, curves, to_bytes
 from exosight.files import write_new_file

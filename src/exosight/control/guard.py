@@ -223,7 +223,7 @@ class Guarded:
 
     def _command_at(self, age: float) -> float:
         """The command of that long ago."""
-        back = min(round(age / self.config.period), len(self._past) - 1)
+        back = round(min(age / self.config.period, len(self._past) - 1))
         return self._past[-1 - back]
 
     def _fault(self, measurement: Measurement) -> Problem | None:

@@ -87,8 +87,8 @@ def render_design(
 
 
 CROSSING = (
-    "a rod crosses itself, which it does not feel; choose a smaller command, or a thicker, shorter or stiffer "
-    "rod"
+    "a rod crosses itself, which it does not feel; choose a smaller command, or a thicker, shorter or "
+    "stiffer rod"
 )
 """What is said of such a pose."""
 

@@ -76,10 +76,7 @@ def lab(
         say(f"exosight lab at {address} (Ctrl-C ends it)")
         if browser:
             threading.Timer(0.5, webbrowser.open, (address,)).start()
-        try:
-            server_of(application(shown, view, hosts, token)).run(sockets=[listener])
-        except KeyboardInterrupt:
-            say("lab ended")
+        server_of(application(shown, view, hosts, token)).run(sockets=[listener])
 
 
 def _opened(

@@ -11,7 +11,8 @@ from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import check_plot
 
 if TYPE_CHECKING:
-    from exosight.control.recording import Recording, Replay
+    from exosight.control.recording import Recording
+    from exosight.control.replay import Replay
 
 
 def replay(
@@ -40,7 +41,7 @@ def replay(
     from exosight.app.live import timing_table
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
     from exosight.control.recording import STATES, checksum, read_recording
-    from exosight.control.recording import replay as run
+    from exosight.control.replay import replay as run
 
     place = model or DEFAULT_MODEL
     network = OnnxEstimator.load(place, alone=True)
@@ -56,7 +57,7 @@ def replay(
         show(timing_table(recorded.seconds, recorded.late))
         for i in np.flatnonzero(recorded.cause != b""):
             state = STATES[recorded.state[i]].value
-            say(f"{recorded.time[i]:7.1f} s  {state}: {recorded.cause[i].decode()}")
+            say(f"{recorded.time[i]:7.1f} s  {state}: {recorded.cause[i].decode(errors='replace')}")
     else:
         write_json({"same_network": same, **_steps(recorded, again)}, json)
     if plot is not None:
