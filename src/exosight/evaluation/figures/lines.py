@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -75,7 +76,7 @@ def curves(x_label: str, panels: Sequence[Panel], columns: int = 1) -> Figure:
         place = 0
         for curve in panel.curves:
             if curve.target:
-                style = {"color": GRAY, "linestyle": "--", "linewidth": 0.9, "zorder": 1}
+                style: dict[str, Any] = {"color": GRAY, "linestyle": "--", "linewidth": 0.9, "zorder": 1}
             else:
                 colour = _COLOURS[place % len(_COLOURS)]
                 few = len(curve.x) <= _FEW
