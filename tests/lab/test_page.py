@@ -122,6 +122,66 @@ def test_the_page_shows_the_view_it_opens_with(open_page: Callable[..., Page], l
     assert page.locator("#sensors th[scope=row]").count() == len(lab.schema.sensors)
     expect(page.locator("#guard")).to_have_text("normal")
     page.wait_for_selector("#path path.down")
+    zone_names = [sensor.name for sensor in lab.schema.sensors if sensor.quantity == "contact force"]
+    expect(page.locator("#map text")).to_have_count(len(zone_names))
+    assert sorted(page.locator("#map text").all_text_contents()) == zone_names
+    # From base to tip, and filled where a zone is pressed.
+    places = [float(dot.get_attribute("cx") or 0) for dot in page.locator("#map circle").all()]
+    assert places == sorted(places)
+    filled = [float(dot.get_attribute("fill-opacity") or 0) for dot in page.locator("#map circle").all()]
+    np.testing.assert_allclose(filled, np.array(zones) / max(zones), atol=1e-3)
+
+
+def test_pose_and_settings_share_a_phones_screen(open_page: Callable[..., Page]) -> None:
+    page = open_page(viewport={"width": 390, "height": 844})
+
+    def box(selector: str) -> dict[str, float]:
+        found = page.locator(selector).bounding_box()
+        assert found is not None
+        return dict(found)
+
+    assert box("#settings")["y"] < 844
+    gap = page.get_by_label("Gap at the base", exact=True)
+    gap.focus()
+    assert box("#pose")["y"] >= 0
+    slider = gap.bounding_box()
+    assert slider is not None
+    assert box("#drive")["y"] + box("#drive")["height"] <= slider["y"] < 844
+    zoom = page.get_by_label("Zoom, %, as a number")
+    expect(zoom).to_be_hidden()
+    page.locator("summary", has_text="Camera").click()
+    expect(zoom).to_be_visible()
+    page.wait_for_selector("#map text")
+    assert box("#map text >> nth=0")["height"] >= 11  # of letters that can be read
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_what_is_said_of_a_score_agrees_with_its_digits(open_page: Callable[..., Page]) -> None:
+    said = open_page().evaluate(
+        """async () => {
+            const { scoreWords } = await import("/svg.js");
+            return [0.004, 0.996, 1, 1.0004, 1.016, 17.554].map(scoreWords);
+        }"""
+    )
+    assert said == ["0.00", "1.00", "1.00", "1.01", "1.02", "17.55"]
+
+
+def test_the_ends_of_an_axis_stand_apart(open_page: Callable[..., Page]) -> None:
+    """A table as narrow as on a phone, of readings that are negative too."""
+    apart, unit = open_page().evaluate(
+        """async () => {
+            const { sensorTable } = await import("/charts.js"), host = document.createElement("div");
+            host.style.width = "300px";
+            document.body.append(host);
+            sensorTable(host, [{ name: "angle_1", quantity: "joint angle", unit: "rad" }],
+                { truth: true, estimates: true })({ angle_1: -0.4 });
+            const [left, right] = [...host.querySelectorAll(".foot text")]
+                .map((each) => each.getBoundingClientRect());
+            return [right.left - left.right, host.querySelector(".foot .unit").textContent];
+        }"""
+    )
+    assert apart > 4
+    assert unit == "rad"
 
 
 def test_a_bent_finger_is_drawn_whole_down_to_its_skin(open_thumb: Callable[..., Page]) -> None:
@@ -171,6 +231,8 @@ def test_a_system_file_has_its_own_sliders_and_sensors_and_says_why_there_are_no
         "No estimates: the network was trained for the system"
     )
     expect(page.locator("#guard")).to_be_hidden()
+    expect(page.locator("#map text")).to_have_count(3)
+    assert sorted(page.locator("#map text").all_text_contents()) == ["P1", "P2", "P3"]
     number = page.get_by_label("sleeve young, kPa, as a number")
     number.fill("250")
     number.press("Enter")
@@ -224,6 +286,7 @@ def test_files_and_the_command_can_be_saved(open_page: Callable[..., Page], tmp_
     for button, start in (
         ("#save-figure", b"<svg"),
         ("#save-picture", b"\x89PNG"),
+        ("#save-pose", b"tube,node,x [m],y [m],z [m],radius [m]\nfinger,0,"),
         ("#save-readings", b"sensor,"),
         ("#save-path", b"u [N],"),
     ):

@@ -1,6 +1,5 @@
 """The loop in real time as a command: its parts and its log."""
 
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
@@ -9,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from exosight.app.stopping import PATIENCE, STOP
 from exosight.control.actuators import Lines, NoActuator
 from exosight.control.estimator import OnnxEstimator
 from exosight.control.guard import GuardConfig, Guarded, State
@@ -172,7 +172,7 @@ def on_simulation(run: LiveRun, log: Log) -> None:
     """Look at the simulated system, and actuate it."""
     guarded = Guarded(Scheduled(run.config))
     device = SimulatedDevice(SimulatedPlant(run.system), run.config)
-    with _written(run, guarded, log) as done, _stoppable():
+    with _written(run, guarded, log) as done, _lets_go(run.config):
         log.missed_at_end = run_live(device, run.network.read, guarded, device, run.target, done)
 
 
@@ -200,7 +200,7 @@ def on_source(run: LiveRun, source: tuple[FrameStream, bool], send: str | None, 
     guarded = Guarded(Scheduled(run.config), GuardConfig(frozen_frames=still))
     with ExitStack() as stack:
         done = stack.enter_context(_written(run, guarded, log))
-        stack.enter_context(_stoppable())
+        stack.enter_context(_lets_go(run.config))
         actuator = stack.enter_context(closing(NoActuator() if send is None else Lines.open(send)))
         log.missed_at_end = run_live(frames, run.network.read, guarded, actuator, run.target, done)
 
@@ -208,29 +208,27 @@ def on_source(run: LiveRun, source: tuple[FrameStream, bool], send: str | None, 
 @contextmanager
 def _written(run: LiveRun, guarded: Guarded, log: Log) -> Iterator[Callable[[Step], None]]:
     """What to do with every step: log it, and record it if there is a file for it."""
-    if run.record is None:
-        yield log.append
-        return
-    with closing(Recorder(run.record, run.network.card.schema.image_size, guarded, run.model)) as recorder:
+    with ExitStack() as stack:
+        recorder = None
+        if run.record is not None:
+            shape = run.network.card.schema.image_size
+            recorder = stack.enter_context(closing(Recorder(run.record, shape, guarded, run.model)))
 
         def done(step: Step) -> None:
             log.append(step)
-            recorder.append(step)
+            if recorder is not None:
+                recorder.append(step)
+            STOP.check()  # where the exception was lost
 
         yield done
 
 
 @contextmanager
-def _stoppable() -> Iterator[None]:
-    """A polite kill and a terminal that is closed stop the loop as Ctrl-C does: u returns to 0 first."""
-
-    def stop(number: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    kinds = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {kind: signal.signal(kind, stop) for kind in kinds}
+def _lets_go(config: ControllerConfig) -> Iterator[None]:
+    """A loop that is stopped first lets u return to 0, which takes its time."""
+    ramp = float(np.abs(config.loading.u).max()) / config.rate + 2 * config.period
+    STOP.patience = ramp + PATIENCE
     try:
         yield
     finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
+        STOP.patience = PATIENCE

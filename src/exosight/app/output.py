@@ -1,13 +1,12 @@
 """Where results go: places that must not exist yet, checked before the work and complete when they appear."""
 
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from uuid import uuid4
 
 from exosight.errors import DataError, InputError
+from exosight.files import unfinished
 
 
 def check_new_file(path: Path) -> None:
@@ -46,14 +45,10 @@ def new_folder(path: Path) -> Iterator[Path]:
     """
     if path.exists():
         raise DataError(f"{path}: exists already; name a new folder, nothing is overwritten")
-    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
-    try:
-        part.mkdir(parents=True)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be made ({error.strerror}); name another folder") from error
-    try:
+    with unfinished(path) as part:
+        try:
+            part.mkdir(parents=True)
+        except OSError as error:
+            raise DataError(f"{path}: cannot be made ({error.strerror}); name another folder") from error
         yield part
         part.rename(path)
-    except BaseException:  # a stop by Ctrl-C too
-        shutil.rmtree(part, ignore_errors=True)
-        raise

@@ -130,12 +130,9 @@ def make_chunk(
             kept=tuple(np.bincount(frames.scenario, minlength=len(designs.scenarios)).tolist()),
             dropped=dropped,
         )
-        try:
-            if len(frames):
-                record = replace(record, entry=write_chunk(folder, number, frames, columns))
-            write_record(folder, record)  # after the frames: what has a record is whole
-        except DataError as error:
-            raise DataError(f"{error}; mend that and run the same command again with --resume") from error
+        if len(frames):
+            record = replace(record, entry=write_chunk(folder, number, frames, columns))
+        write_record(folder, record)  # after the frames: what has a record is whole
     return record
 
 

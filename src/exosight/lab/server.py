@@ -28,9 +28,8 @@ from exosight.errors import ExosightError, InputError
 from exosight.lab.connections import BACKLOG, IDLE, LimitedConnection
 from exosight.lab.controls import about
 from exosight.lab.jobs import JobQueue
-from exosight.lab.pictures import png_of
 from exosight.lab.run_stream import BUG, RunResponse
-from exosight.lab.saving import path_csv, readings_csv
+from exosight.lab.saving import VIEW_FILES, path_csv
 from exosight.lab.security import LOOPBACK, SecurityMiddleware, read_body
 from exosight.lab.settings import LoopSettings, PathSettings, Settings, View, read_settings
 from exosight.lab.system import LabSystem
@@ -117,12 +116,12 @@ def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token
         if name == "path.csv":
             found = await _path(request, await _settings(request, PathSettings, lab))
             return _file(path_csv(found, lab).encode(), name)
-        if name not in ("readings.csv", "picture.png"):
-            raise HTTPException(404, "save: expected picture.png, readings.csv or path.csv")
+        if name not in VIEW_FILES:
+            raise HTTPException(404, f"save: expected {', '.join(VIEW_FILES)} or path.csv")
         settings = await _settings(request, View, lab)
         queue = await work.queue(work.light if lab.is_light(settings) else work.heavy)
         seen = await queue.do(request, see, settings, lab)
-        return _file(readings_csv(seen, lab).encode() if name == "readings.csv" else png_of(seen.image), name)
+        return _file(VIEW_FILES[name](seen, lab), name)
 
     async def picture(request: Request) -> Response:
         queue = await work.queue(work.heavy)

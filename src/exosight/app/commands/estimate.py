@@ -49,7 +49,7 @@ def estimate(
     """
     check_json_target(json)
     check_plot(plot)
-    from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+    from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator, shown_score
     from exosight.vision.pictures import read_gray
 
     if not images:
@@ -69,17 +69,16 @@ def estimate(
         read = estimator.read(picture[None], level)
         readings.append(read)
         rows, totals = _rows(schema, read), _totals(schema, read)
-        ood_score = round(float(read.ood_score[0]), 3)
+        ood_score = shown_score(read.ood_score[0])
         named = {f"{name}_{schema.sensor(name).unit}": total for name, total in totals.items()}
         found.append({"image": str(path), **named, "ood_score": ood_score, f"{kind(schema)}s": rows})
         if json is None:
             caption = f"{path}, {100 * level:g} % intervals"
             show(_table(schema, caption, rows, totals))
-            if read.ood_score[0] > 1:
-                score = np.ceil(100 * float(read.ood_score[0])) / 100  # above 1 it never reads as 1.00
+            if ood_score > 1:
                 say(
-                    f"do not trust these: the picture is out of distribution (OOD score {score:.2f}, trusted "
-                    "up to 1)"
+                    f"do not trust these: the picture is out of distribution (OOD score {ood_score:.3f}, "
+                    "trusted up to 1)"
                 )
     if plot is not None and readings:
         from exosight.app.plots import plot_estimates, write_plot

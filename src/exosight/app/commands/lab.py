@@ -54,7 +54,7 @@ def lab(
         host: name or address to listen on
         port: to listen on; 0 takes any that is free
         browser: open the page in the browser
-        out: write picture, readings, path and settings of the view to a new folder instead, and end
+        out: write picture, pose, readings, path and settings of the view to a new folder instead, and end
     """
     shown, view = _opened(system, model, look, vary, drive)
     if out is not None:

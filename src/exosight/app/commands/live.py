@@ -137,7 +137,7 @@ def live(
                 on_source(started, frames, device.send, log)
         finally:
             if log.steps:
-                say(log.end() + (f"; wrote {run.record}" if run.record else ""))
+                say(log.end() + (f"; wrote {run.record}" if run.record and run.record.exists() else ""))
                 if plot is not None:
                     write_plot(plot_run(config, log.run()), plot)
                 if json is not None:

@@ -3,10 +3,13 @@
 import { upload } from "./api.js";
 import { sensorTable } from "./charts.js";
 import { cropFrame, fits } from "./crop.js";
+import { zoneMap } from "./map.js";
 import { by, quantity, scoreWords } from "./svg.js";
 
-export function estimate({ system, sensors, controlled, pixels }) {
+export function estimate({ network, scene }) {
+  const { system, sensors, controlled, pixels } = network;
   const table = sensorTable(by("file-sensors"), sensors, { truth: false, estimates: true });
+  const map = zoneMap(by("file-map"), scene, "estimated");
   const { unit } = sensors.find(({ name }) => name === controlled);
   by("network-system").textContent = system;
   by("network-size").textContent = pixels[0] === pixels[1] ? "square" : pixels.join(":");
@@ -42,6 +45,7 @@ export function estimate({ system, sensors, controlled, pixels }) {
       by("file-image").alt = `${name}, gray, ${pixels.join(" by ")} pixels`;
       const { estimates, ood_score: score } = found.reading;
       table(null, estimates);
+      map.colour(Object.fromEntries(Object.entries(estimates).map(([sensor, { value }]) => [sensor, value])));
       by("verdict").className = `verdict ${score > 1 ? "bad" : ""}`;
       by("verdict").textContent = score > 1
         ? `Do not trust these estimates: the image is out of distribution (OOD score ${scoreWords(score)}, trusted up to 1).`
@@ -57,6 +61,8 @@ export function estimate({ system, sensors, controlled, pixels }) {
     document.dispatchEvent(new CustomEvent("estimated"));
   }
 
+  // The zones of a system that the network was not trained for have other names.
+  if (!network.refusal) document.addEventListener("at-rest", (event) => map.place(event.detail));
   by("estimate-crop").addEventListener("click", async () => read(await frame.picture()));
   by("file").addEventListener("change", () => { take(by("file").files[0]); by("file").value = ""; });
   drop.addEventListener("dragover", (event) => { event.preventDefault(); drop.classList.add("over"); });

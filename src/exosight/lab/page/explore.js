@@ -3,6 +3,7 @@
 import { ask, file } from "./api.js";
 import { lineChart, sensorTable } from "./charts.js";
 import { group, pick, slider } from "./controls.js";
+import { zoneMap } from "./map.js";
 import { scene, tubeLegend } from "./scene.js";
 import { by, digitsOf, download, fixed, html, named, quantity, round125, scoreWords, standalone } from "./svg.js";
 
@@ -17,9 +18,12 @@ export function explore(about, problem) {
   const pose = scene(by("pose"), about);
   const estimates = !about.network.refusal;
   const table = sensorTable(by("sensors"), sensors, { truth: true, estimates });
+  const map = zoneMap(by("map"), about.scene, "true");
   const chart = lineChart(by("path"));
   const rows = channels.map(channelRow);
-  let busy = false, again = false, sent = 0, changes = 0, shown = null, path = null, trail = [], quiet = 0, stop = null, sweeping = 0;
+  // Where the pose stays above the settings, there is room for one group of them.
+  const opened = matchMedia("(max-width: 46rem)").matches ? new Set([(about.design[0] ?? { name: "Camera" }).name]) : new Set([...about.design.map(({ name }) => name), "Camera"]);
+  let busy = false, again = false, sent = 0, changes = 0, shown = null, path = null, trail = [], quiet = 0, stop = null, sweeping = 0, mapped = false;
 
   const now = () => view.drive.at(-1) ?? channels.map(() => 0);
   const here = () => now()[chosen.channel];
@@ -69,6 +73,7 @@ export function explore(about, problem) {
     by("image").src = `data:image/png;base64,${found.image}`;
     by("image").alt = `Camera image, ${about.scene.pixels.join(" by ")} pixels`;
     table(found.readings, found.reading?.estimates);
+    map.colour(found.readings);
     facts();
     by("notes").hidden = !found.notes.length;
     by("notes").textContent = found.notes.length ? `Note: ${found.notes.join("; ")}.` : "";
@@ -121,10 +126,21 @@ export function explore(about, problem) {
     });
   }
 
+  /** The zones' places are those of the system at rest, which it is asked for once. */
+  async function drawMap() {
+    mapped = true;
+    try {
+      const { scene: atRest } = await ask("/api/view", { ...view, drive: [] });
+      map.place(atRest);
+      document.dispatchEvent(new CustomEvent("at-rest", { detail: atRest }));
+    } catch { mapped = false; }  // with the next view
+  }
+
   async function rest() {
     const { name, unit } = chosen.sensor, value = guessed();
     by("spoken").textContent = [`${channels[chosen.channel].name} ${told(chosen.channel, here())}: ${name} ${quantity(read(name), unit)}`,
       ...(value === undefined ? [] : [`estimated ${quantity(value, unit)}`]), ...(shown.guard ? [`guard ${shown.guard.state}`] : [])].join(", ");
+    if (!mapped) drawMap();
     const key = pathKey();
     if (path?.key === key || stop?.key === key) return;
     stop?.abort();
@@ -213,8 +229,8 @@ export function explore(about, problem) {
     const looked = (key, value) => { view.look[key] = value; update(); };
     const looks = about.look.map((spec) => slider({ ...spec, start: view.look[spec.key] }, (value) => looked(spec.key, value)).element);
     by("settings").replaceChildren(
-      ...about.design.map(({ name, choice, sliders }) => group(name, ...(choice ? kinds(choice) : []), ...designSliders(sliders))),
-      group("Camera", ...looks, pick("Corruption", about.corruptions, view.look.corruption, (name) => looked("corruption", name))));
+      ...about.design.map(({ name, choice, sliders }) => group(name, opened, ...(choice ? kinds(choice) : []), ...designSliders(sliders))),
+      group("Camera", opened, ...looks, pick("Corruption", about.corruptions, view.look.corruption, (name) => looked("corruption", name))));
   }
 
   /** Which sensor is charted over which channel. */
@@ -269,6 +285,7 @@ export function explore(about, problem) {
   by("save-figure").addEventListener("click", () => download(standalone(pose.drawing), "exosight-pose.svg"));
   by("save-picture").addEventListener("click", () => save("picture.png", view));
   by("save-readings").addEventListener("click", () => save("readings.csv", view));
+  by("save-pose").addEventListener("click", () => save("pose.csv", view));
   by("save-path").addEventListener("click", () => save("path.csv", asked()));
   by("copy").addEventListener("click", async () => {
     by("command").select();

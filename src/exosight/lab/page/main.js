@@ -103,7 +103,7 @@ try {
   const known = await about();
   const first = explore(known, problem);
   const second = loop(known, first.view, first.seen, problem);
-  estimate(known.network);
+  estimate(known);
   const shownTab = () => tabs.find((tab) => tab.getAttribute("aria-selected") === "true").getAttribute("aria-controls");
   remember(known, {
     state: () => ({ tab: shownTab(), ...first.state(), run: second.chosen }),
