@@ -15,6 +15,7 @@ from exosight.dataset.frames import Frames, concatenate
 from exosight.dataset.load_paths import LoadPath, load_path
 from exosight.dataset.variation import appearance_of, lighting_of
 from exosight.mechanics import Equilibria, Rod, drive
+from exosight.mechanics.batched_continuation import Kept
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet
 from exosight.system.observation import Observation, observe
@@ -34,16 +35,18 @@ def simulate_designs(
     designs: DesignSet,
     chosen: Sequence[Design],
     done: Callable[[int], None] = lambda designs: None,
+    kept: Kept | None = None,
 ) -> tuple[Frames, dict[str, int]]:
     """The frames of some designs, and how many were dropped, by cause.
 
     Depends on the configuration and these designs alone: the same whichever process simulates them, and when.
 
     done   called with the number of designs finished, as they finish
+    kept   designs that an earlier call solved; keeps what this one does
     """
     systems = [designs.build(design) for design in chosen]
     paths = [load_path(designs.schema, config.frames, config.seed, design.number) for design in chosen]
-    found = _solve(systems, paths, done)
+    found = _solve(systems, paths, done, kept)
     seen: Observation = jax.tree.map(np.asarray, observe(stack_systems(systems), found.q))
     cause = first_cause(designs, systems[0], np.asarray(found.converged), seen)
     names = causes(designs)
@@ -136,10 +139,12 @@ def first_cause(
     return np.argmax(np.stack(faults), axis=0).astype(np.int8)
 
 
-def _solve(systems: Sequence[System], paths: Sequence[LoadPath], done: Callable[[int], None]) -> Equilibria:
+def _solve(
+    systems: Sequence[System], paths: Sequence[LoadPath], done: Callable[[int], None], kept: Kept | None
+) -> Equilibria:
     """The equilibria of every system at the frames of its path, with batch shape (systems, frames)."""
     robots = [system.robot for system in systems]
     loads = [system.loads(path.commands) for system, path in zip(systems, paths, strict=True)]
     frames = paths[0].frames
-    found = drive(robots, np.stack(loads), done=done)
+    found = drive(robots, np.stack(loads), done=done, kept=kept)
     return jax.tree.map(lambda leaf: leaf[:, frames], found)
