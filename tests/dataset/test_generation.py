@@ -38,6 +38,7 @@ def simulated(
     designs: DesignSet,
     chosen: Sequence[Design],
     done: Callable[[int], None] = lambda designs: None,
+    kept: object = None,
 ) -> tuple[Frames, dict[str, int]]:
     """In place of the simulation, which takes seconds a chunk: made-up frames of these designs."""
     done(len(chosen))

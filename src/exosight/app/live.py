@@ -36,7 +36,9 @@ class Log:
 
     def __init__(self, say: Callable[[str], None], config: ControllerConfig) -> None:
         self._config, self._say, self._seconds, self._late = config, say, [], []
-        self.missed = 0  # periods; those at the end are added by whoever called `run_live`
+        self._rows: list[tuple[float, ...]] = []
+        self._missed = 0
+        self.missed_at_end = 0  # periods, see `run_live`
         self._told, self._told_missed, self._told_remedy = -1, 0, ""
         self._changes: list[dict[str, Any]] = []
 
@@ -44,7 +46,10 @@ class Log:
         """Take note of a step."""
         self._seconds.append(step.seconds)
         self._late.append(step.late)
-        self.missed += step.missed
+        weights, read = self._config.weights, step.measurement.sum(self._config.weights)
+        true = np.nan if step.true is None else float(step.true @ weights)
+        self._rows.append((step.time, step.target, read, true, step.command))
+        self._missed += step.missed
         if step.cause:
             remedy = step.problem.remedy if step.problem else ""
             change = {"time_s": step.time, "state": step.state.value, "cause": step.cause, "remedy": remedy}
@@ -77,7 +82,12 @@ class Log:
 
     def _newly_missed(self) -> str:
         new, self._told_missed = self.missed - self._told_missed, self.missed
-        return f"; {new} periods missed" if new else ""
+        return f"; missed periods: {new}" if new else ""
+
+    @property
+    def missed(self) -> int:
+        """Periods without a step."""
+        return self._missed + self.missed_at_end
 
     @property
     def steps(self) -> int:
@@ -93,6 +103,12 @@ class Log:
     def late(self) -> np.ndarray:
         """How late each step began, (steps,) [s]."""
         return np.array(self._late)
+
+    def run(self) -> dict[str, np.ndarray]:
+        """Time [s], target, estimated, true and command of each step, (steps,) by name; NaN: unknown."""
+        return dict(
+            zip(("time", "target", "estimated", "true", "command"), np.array(self._rows).T, strict=True)
+        )
 
     def end(self) -> str:
         """How the run ended, and whether it kept the clock."""
@@ -157,15 +173,14 @@ def on_simulation(run: LiveRun, log: Log) -> None:
     guarded = Guarded(Scheduled(run.config))
     device = SimulatedDevice(SimulatedPlant(run.system), run.config)
     with _written(run, guarded, log) as done, _lets_go(run.config):
-        left_out = run_live(device, run.network.read, guarded, device, run.target, done)
-        log.missed += left_out  # only now: the steps themselves add to it
+        log.missed_at_end = run_live(device, run.network.read, guarded, device, run.target, done)
 
 
 @contextmanager
 def opened(
     source: str | None, network: OnnxEstimator, crop: Crop | None
 ) -> Iterator[tuple[FrameStream, bool] | None]:
-    """The frames of a source, one of them read already, and whether a camera gives them; None without one."""
+    """The frames of a source, one of which has been read, and whether a camera gives them."""
     if source is None:
         yield None
         return
@@ -187,8 +202,7 @@ def on_source(run: LiveRun, source: tuple[FrameStream, bool], send: str | None, 
         done = stack.enter_context(_written(run, guarded, log))
         stack.enter_context(_lets_go(run.config))
         actuator = stack.enter_context(closing(NoActuator() if send is None else Lines.open(send)))
-        left_out = run_live(frames, run.network.read, guarded, actuator, run.target, done)
-        log.missed += left_out  # only now: the steps themselves add to it
+        log.missed_at_end = run_live(frames, run.network.read, guarded, actuator, run.target, done)
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
 from exosight.files import unfinished
 
 
@@ -17,6 +17,21 @@ def check_new_file(path: Path) -> None:
         raise DataError(f"{path}: {path.parent} is no folder; make it, or name a file in another one")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise DataError(f"{path}: {path.parent} may not be written; name a file in another folder")
+
+
+PLOTS = (".png", ".pdf", ".svg")
+"""Endings of the files that `--plot` writes."""
+
+
+def check_plot(path: Path | None) -> None:
+    """Raise now if a figure cannot be written there: InputError for another ending, DataError as above."""
+    if path is None:
+        return
+    if path.suffix not in PLOTS:
+        raise InputError(
+            f"--plot: expected a file {', '.join('*' + each for each in PLOTS)}, got {str(path)!r}"
+        )
+    check_new_file(path)
 
 
 @contextmanager

@@ -35,6 +35,7 @@ from exosight.dataset.manifest import (
     write_manifest,
 )
 from exosight.dataset.simulation import causes, simulate_designs
+from exosight.dataset.solved import SolvedDesigns
 from exosight.dataset.store import write_chunk
 from exosight.dataset.variation import shades_of, variation_columns
 from exosight.errors import DataError, InputError
@@ -120,7 +121,8 @@ def make_chunk(
     record = finished(folder, job, number, group)
     if record is None:
         chosen = [drawn[i] for i in group]
-        frames, dropped = simulate_designs(job.config, designs, chosen, done)
+        kept = SolvedDesigns(folder, number, identity(job))
+        frames, dropped = simulate_designs(job.config, designs, chosen, done, kept)
         columns = variation_columns(job.config, designs, chosen, frames)
         record = ChunkRecord(
             job=identity(job),
@@ -133,6 +135,7 @@ def make_chunk(
         if len(frames):
             record = replace(record, entry=write_chunk(folder, number, frames, columns))
         write_record(folder, record)  # after the frames: what has a record is whole
+        kept.remove()
     return record
 
 

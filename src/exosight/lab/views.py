@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.control.estimator import Reading
-from exosight.dataset.simulation import causes, first_cause
+from exosight.dataset.simulation import CROSSING, causes, first_cause
 from exosight.lab.estimates import judge, reading_of
 from exosight.lab.pictures import photograph, png_text, tubes_outside
 from exosight.lab.pose_cache import STRIDE, CachedSystem, Move, Rest, round125
@@ -65,7 +65,7 @@ def observe_one(stacked: System, q: Float[np.ndarray, " dofs"]) -> Observation:
 
 _NOTES = {
     "not_converged": "no stable pose was found at this command; what is seen is the last one before",
-    "crosses_itself": "a rod crosses itself, which it does not feel; datasets drop such frames",
+    "crosses_itself": f"{CROSSING}; datasets drop such frames",
 }
 
 
