@@ -32,7 +32,7 @@ from exosight.lab.server import access, address_of, application, listen
 from exosight.lab.settings import View
 from exosight.lab.system import LabSystem
 from exosight.lab.uploads import LARGEST_UPLOAD
-from exosight.lab.views import see
+from exosight.lab.views import compute_view
 from exosight.vision.ood_images import draw_ood_images
 
 JSON = {"content-type": "application/json"}
@@ -94,7 +94,7 @@ def test_a_view_is_answered_with_picture_readings_guard_and_command(
     client: httpx.Client, lab: LabSystem
 ) -> None:
     told = client.post("/api/view", json={"drive": [[4.0], [2.4]]}).json()
-    seen = see(View(drive=((4.0,), (2.4,))), lab)
+    seen = compute_view(View(drive=((4.0,), (2.4,))), lab)
     net = float(seen.observation.readings[lab.schema.index("F_net")])
     assert told["readings"]["F_net"] == pytest.approx(net, abs=1e-5)
     assert told["command"] == "exosight lab --drive 4 2.4"
@@ -127,7 +127,9 @@ def test_twenty_pages_at_once_each_get_their_own_view(client: httpx.Client, lab:
         at_once = list(pool.map(ask, wanted))
     net = lab.schema.index("F_net")
     for view, told in list(zip(wanted, at_once, strict=True))[::4]:
-        own = see(View(view["design"], tuple(map(tuple, view["drive"]))), replace(lab, poses=PoseCache()))
+        own = compute_view(
+            View(view["design"], tuple(map(tuple, view["drive"]))), replace(lab, poses=PoseCache())
+        )
         assert told["readings"]["F_net"] == pytest.approx(float(own.observation.readings[net]), abs=1e-5)
     assert len({told["readings"]["F_net"] for told in at_once}) == 20
 
@@ -162,7 +164,7 @@ def test_requests_that_are_not_mutated_are_answered(impatient_address: Address) 
 
 
 def test_a_picture_is_estimated_and_an_unlike_one_is_told(client: httpx.Client, lab: LabSystem) -> None:
-    told = client.post("/api/estimate", content=png(see(lab.start, lab).image)).json()
+    told = client.post("/api/estimate", content=png(compute_view(lab.start, lab).image)).json()
     shown = client.post("/api/view", json={"drive": lab.start.drive}).json()
     assert told["reading"]["estimates"] == shown["reading"]["estimates"]
     assert told["reading"]["ood_score"] < 1

@@ -17,7 +17,7 @@ GUARD = 60
 _VIEW = {
     "design": {"young": 222.0, "family": "sine", "r0": 8.0},
     "drive": [[4.0], [2.4]],
-    "look": {"shift_x": 0.1, "roll": 0.05, "zoom": 1.1, "corruption": "blur"},
+    "camera": {"shift_x": 0.1, "roll": 0.05, "zoom": 1.1, "corruption": "blur"},
 }
 _PLAIN = {"view": {"drive": [[2.4]]}, "channel": "u", "sensor": "F_net"}
 _LOOP = {"target": 0.3, "law": "proportional", "gain": 5.0, "measured": "true", "disturbance": "lost"}
