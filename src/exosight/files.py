@@ -8,7 +8,7 @@ import os
 import shutil
 import stat
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -151,7 +151,8 @@ def _discard(part: Path) -> None:
     if part.is_dir():
         shutil.rmtree(part, ignore_errors=True)
     else:
-        part.unlink(missing_ok=True)
+        with suppress(NotADirectoryError):  # it could not even be begun
+            part.unlink(missing_ok=True)
 
 
 def check_format(path: Path, what: str, found: object, reads: int, remedy: str) -> None:
