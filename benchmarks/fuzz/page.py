@@ -17,7 +17,7 @@ _SETTINGS = {
     "view": {
         "design": {"young": 300.0},
         "drive": [[1.0], [2.4]],
-        "look": {"shift_x": 0.0, "roll": 0.1, "zoom": 1.0, "corruption": "none"},
+        "camera": {"shift_x": 0.0, "roll": 0.1, "zoom": 1.0, "corruption": "none"},
     },
     "path": {"view": {"drive": [[2.4]]}},
     "trial": {"view": {}, "target": 0.3, "steps": 3},

@@ -151,7 +151,7 @@ def _discard(part: Path) -> None:
     if part.is_dir():
         shutil.rmtree(part, ignore_errors=True)
     else:
-        with suppress(NotADirectoryError):  # it could not even be begun
+        with suppress(OSError):  # where it could not be made, that is what is to be told
             part.unlink(missing_ok=True)
 
 

@@ -14,7 +14,7 @@ from exosight.dataset.manifest import MANIFEST, Manifest, read_manifest
 from exosight.dataset.matlab import to_matlab, write_mat
 from exosight.dataset.store import read_frames, read_variation
 from exosight.errors import DataError, InputError
-from exosight.files import new_file
+from exosight.files import new_file, read_file
 from exosight.system.schema import Channel, SensorSpec
 
 LARGEST_PATH = 256 * 2**20  # [bytes]; a path of 1000 loads takes 1 MiB
@@ -93,15 +93,11 @@ def read_path(source: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     Raises DataError if the file is missing or holds no path.
     """
     try:
-        if source.stat().st_size > LARGEST_PATH:
-            raise DataError(f"{source}: more than {LARGEST_PATH >> 20} MiB; expected a simulated path")
-        found = json.loads(source.read_bytes())
+        found = json.loads(read_file(source, LARGEST_PATH, "expected a simulated path"))
         records = found["path"]
         names = list(records[0])
         columns = {name: np.asarray([record[name] for record in records]) for name in names}
         about = {name: json.dumps(found[name]) for name in ("exosuit", "units")}
-    except OSError as error:
-        raise DataError(f"{source}: cannot be read ({error.strerror or error})") from error
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
         raise DataError(
             f"{source}: no simulated path; make one with exosight simulate --json FILE"
