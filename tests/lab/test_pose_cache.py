@@ -1,3 +1,5 @@
+from copy import copy
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -130,14 +132,14 @@ def test_what_is_remembered_is_bounded(cached: CachedSystem) -> None:
     poses, made = PoseCache(), []
 
     def make() -> CachedSystem:
-        made.append(CachedSystem(SYSTEM, [GRID]))
+        made.append(copy(cached))
         return made[-1]
 
-    for i in range(40):
+    for i in range(150):
         poses.get(str(i), make)
-    assert len(poses._systems) <= 32
-    assert poses.get("39", make) is made[-1]
-    assert len(made) == 40
+    assert len(poses._systems) <= 128
+    assert poses.get("149", make) is made[-1]
+    assert len(made) == 150
 
 
 def test_a_view_is_light_once_only_its_last_move_remains(lab: LabSystem) -> None:
