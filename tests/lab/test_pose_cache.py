@@ -1,4 +1,5 @@
 from copy import copy
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -143,8 +144,8 @@ def test_what_is_remembered_is_bounded(cached: CachedSystem) -> None:
 
 
 def test_a_view_is_light_once_only_its_last_move_remains(lab: LabSystem) -> None:
-    young = {"young": 255.0}
-    peak, turned, twice = (View(young, ((4.0,), (0.8,), (2.0,))[:n]) for n in (1, 2, 3))
+    lab = replace(lab, poses=PoseCache())
+    peak, turned, twice = (View(drive=((4.0,), (0.8,), (2.0,))[:n]) for n in (1, 2, 3))
     assert not lab.is_light(peak)
     cached = lab.cached(peak)
     assert lab.is_light(peak)
