@@ -113,9 +113,11 @@ class Resumable:
     result: Callable[[Path], object]
 
 
-def killed(command: Resumable, place: Path, moments: int, rng: np.random.Generator) -> dict:
-    """kill -9 at random moments, each run going on from the one before until it is complete, then anew."""
-    seconds = duration(command.words, place)
+def killed(command: Resumable, seconds: float, place: Path, moments: int, rng: np.random.Generator) -> dict:
+    """kill -9 at random moments, each run going on from the one before until it is complete, then anew.
+
+    seconds   that it takes without a stop; the folder "whole" of the place holds what it then ends with
+    """
     expected = command.result(place / "whole")
     kills = lost = runs = differ = 0
     folder, had = place / "k0", set[object]()
@@ -232,9 +234,9 @@ def run(moments: int, seed: int = 0) -> dict:
         dataset = Resumable(generating, solved_designs, checksums)
         network = Resumable(training, steps_done, trained)
         for title, measure in (
-            ("generate", lambda at: killed(dataset, at, moments, rng)),
+            ("generate", lambda at: killed(dataset, duration(generating, at), at, moments, rng)),
             ("generate_ctrl_c", lambda at: interrupted(generating, at, moments, rng)),
-            ("train", lambda at: killed(network, at, moments, rng)),
+            ("train", lambda at: killed(network, duration(training, at), at, moments, rng)),
             ("train_ctrl_c", lambda at: interrupted(training, at, moments, rng)),
             ("recording", lambda at: recordings(at, moments, rng)),
         ):

@@ -1,9 +1,9 @@
 """The short form of `benchmarks.kill`: a dataset in the making, killed twice, ends as one that was not."""
 
+import time
 from pathlib import Path
 
 import numpy as np
-
 from benchmarks import kill
 
 THUMB = Path(__file__).parents[1] / "examples" / "systems" / "thumb.toml"
@@ -15,6 +15,9 @@ def test_killed_datasets_lose_nothing_and_end_the_same(tmp_path: Path) -> None:
         return "generate", "--system", THUMB, *small, "--resume", "--out", folder
 
     command = kill.Resumable(words, kill.solved_designs, kill.checksums)
-    found = kill.killed(command, tmp_path, 2, np.random.default_rng(0))
+    started = time.monotonic()
+    kill.complete(*words(tmp_path / "whole"))
+    seconds = time.monotonic() - started
+    found = kill.killed(command, seconds, tmp_path, 2, np.random.default_rng(0))
     assert found["moments"] == 2
     assert found["finished_parts_lost"] == found["results_that_differ"] == 0
