@@ -22,7 +22,8 @@ LONGEST_RUN = 60_000
 class Program(NamedTuple):
     """What the interpreter runs. Slots 0, 1, … hold first the constants, then the arguments.
 
-    code        runs of equal operations: operation, count, terms (of a DOT), then slots of each, result first
+    code        runs of equal operations: operation, count, terms (of a DOT or LOOKUP), then slots of each,
+                result first
     outputs     slots of the results
     constants   values of the first slots
     slots       how many there are
@@ -145,8 +146,9 @@ def _arrange(
 
 
 def _kind(op: list[int], args: list[tuple[int, ...]], i: int) -> tuple[int, int]:
-    """What one run of the code holds: an operation, and for a DOT of so many terms."""
-    return op[i], len(args[i]) if op[i] == Op.DOT else 0
+    """What one run of the code holds: an operation, and for a DOT or LOOKUP of how many terms."""
+    terms = {Op.DOT: len(args[i]) // 2, Op.LOOKUP: len(args[i]) - 1}
+    return op[i], terms.get(Op(op[i]), 0)
 
 
 def _code(
@@ -158,7 +160,7 @@ def _code(
         kind, end = _kind(op, args, order[at]), at
         while end < len(order) and end - at < LONGEST_RUN and _kind(op, args, order[end]) == kind:
             end += 1
-        code += [kind[0], end - at, *([kind[1] // 2] if kind[1] else [])]
+        code += [kind[0], end - at, *([kind[1]] if kind[1] else [])]
         for i in order[at:end]:
             code += [slot[i], *(slot[a] for a in args[i])]
         at = end
