@@ -24,7 +24,7 @@ from exosight import lie
 from exosight.arrays import AnyArray
 from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.surface_contact import Tube
+from exosight.mechanics.surface_contact import NOWHERE, Tube
 from exosight.mechanics.term import (
     Bound,
     Configuration,
@@ -42,9 +42,6 @@ FAR = 1.9
 
 NEWTON_STEPS = 4
 """From a secant, each squares the error of the closest place: 1e-2, 1e-4, 1e-8, 1e-16 of a piece."""
-
-NOWHERE = 1e3
-"""Stands for the distance [m] of what cannot touch."""
 
 
 class Piece(NamedTuple):

@@ -47,6 +47,7 @@ def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
 
     What it hands on follows its own results; the first stage is handed nothing.
     """
+    one = graph.constant(1.0)
     op, args = list(graph.op), list(graph.args)
     level = _levels(op, args, stages)
     for number, stage in enumerate(stages):
@@ -55,7 +56,7 @@ def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
     live = _live(op, args, stages)
     uses = Counter(a for i in live for a in args[i])
     uses.update(value for stage in stages for value in stage.results)
-    live = _fuse(op, args, level, live, uses)
+    live = _fuse(op, args, level, live, uses, one)
     made, handed = [], []
     for number, stage in enumerate(stages):
         own = [i for i in live if op[i] >= 0 and level[i] == number]
@@ -94,7 +95,7 @@ def _live(op: list[int], args: list[tuple[int, ...]], stages: Sequence[Stage]) -
 
 
 def _fuse(
-    op: list[int], args: list[tuple[int, ...]], level: list[int], live: list[int], uses: Counter
+    op: list[int], args: list[tuple[int, ...]], level: list[int], live: list[int], uses: Counter, one: int
 ) -> list[int]:
     """Products that only one sum uses become part of it; what is left of `live`."""
     gone = set()
@@ -102,7 +103,18 @@ def _fuse(
     def product(i: int, into: int) -> bool:
         return op[i] == Op.MUL and uses[i] == 1 and level[i] == level[into] and i not in gone
 
+    def within(pair: tuple[int, int], into: int) -> tuple[int, ...]:
+        """The factors of a summand that is a product times one."""
+        for a, b in (pair, pair[::-1]):
+            if b == one and product(a, into):
+                gone.add(a)
+                return args[a]
+        return pair
+
     for i in live:
+        if op[i] == Op.DOT:
+            pairs = zip(args[i][::2], args[i][1::2], strict=True)
+            args[i] = tuple(value for pair in pairs for value in within(pair, i))
         if op[i] not in (Op.ADD, Op.SUB):
             continue
         a, b = args[i]
