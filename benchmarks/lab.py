@@ -30,7 +30,7 @@ URL = f"http://127.0.0.1:{PORT}"
 CHROMIUM = os.environ.get("CHROMIUM") or shutil.which("chromium")
 REPEATS = 60
 PAGES, EACH = 20, 10
-LENGTH = "#settings fieldset:first-of-type .slider:nth-of-type(4) input[type=range]"
+LENGTH = "#settings details:first-of-type .slider:nth-of-type(4) input[type=range]"
 
 # Resolves after the frame in which the view is painted.
 _MOVE = """([slider, value]) => new Promise((done) => {

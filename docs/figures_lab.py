@@ -31,10 +31,11 @@ def main() -> None:
         with sync_playwright() as playwright:
             chromium = os.environ.get("CHROMIUM") or shutil.which("chromium")
             browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-            page = browser.new_page(viewport={"width": 1240, "height": 1060})
+            page = browser.new_page(viewport={"width": 1400, "height": 900})
             page.goto(f"http://127.0.0.1:{listener.getsockname()[1]}/")
             page.wait_for_selector("#path path.down", timeout=120_000)
-            page.screenshot(path=TARGET)
+            page.wait_for_selector("#map text")
+            page.screenshot(path=TARGET, full_page=True)
             browser.close()
         server.should_exit = True
         thread.join()

@@ -11,7 +11,7 @@ ORDER = (
     *("lie", "scalar_program", "mechanics", "system", "exosuit", "vision", "dataset", "learning"),
     *("evaluation", "control", "environment", "lab", "app"),
 )
-SHARED = {"arrays", "errors", "files", "validation"}
+SHARED = {"arrays", "errors", "files", "hdf5", "validation"}
 """Modules that every folder may use."""
 
 

@@ -9,8 +9,16 @@ The command line turns each of them into one sentence on stderr and exit code 2.
 """
 
 
+def printable(text: str) -> str:
+    """Text of unknown origin as a terminal may show it: control characters are written out."""
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+
+
 class ExosightError(Exception):
-    """Base of everything exosight raises on purpose."""
+    """Base of everything exosight raises on purpose; its message is one printable line."""
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(printable(" ".join(str(message).split())))
 
 
 class InputError(ExosightError, ValueError):

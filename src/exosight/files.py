@@ -1,9 +1,10 @@
-"""Writing a file so that it is there whole or not at all, whatever happens meanwhile; versions; CSV text."""
+"""Reading files of unknown origin; writing one whole or not at all; versions; CSV text."""
 
 import csv
 import io
 import math
 import os
+import stat
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +12,42 @@ from typing import Any
 from uuid import uuid4
 
 from exosight.errors import DataError
+
+
+def open_file(path: Path, expected: str) -> io.BufferedReader:
+    """A regular file, opened for reading: a pipe would wait for its writer, a device may never end.
+
+    expected   end of the sentence if there is none, such as "expected a picture"
+
+    Raises DataError if it is missing, of another kind, or cannot be read.
+    """
+    try:
+        file = open(path, "rb", opener=_without_waiting)  # noqa: SIM115 - the caller closes it
+        if stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            return file
+        file.close()
+        what = "a device or a pipe"
+    except FileNotFoundError:
+        what = "no such file"
+    except IsADirectoryError:
+        what = "a folder"
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in the name
+        what = error.strerror if isinstance(error, OSError) else error
+    raise DataError(f"{path}: cannot be read ({what}); {expected}")
+
+
+def _without_waiting(name: str, flags: int) -> int:
+    return os.open(name, flags | os.O_NONBLOCK)
+
+
+def read_file(path: Path, largest: int, expected: str) -> bytes:
+    """The content of a regular file; DataError as `open_file`, or if it has more than `largest` bytes."""
+    with open_file(path, expected) as file:
+        content = file.read(largest + 1)
+    if len(content) > largest:
+        limit = f"{largest >> 20} MiB" if largest >= 2**20 else f"{largest >> 10} KiB"
+        raise DataError(f"{path}: more than {limit}; {expected}")
+    return content
 
 
 def write_new_file(path: Path, content: bytes) -> None:

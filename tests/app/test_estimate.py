@@ -73,6 +73,39 @@ def test_what_is_no_picture_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     assert "not a picture that can be read" in capsys.readouterr().err
 
 
+def test_a_picture_that_cannot_be_read_does_not_stop_the_others(
+    tmp_path: Path, frames: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "bad.png").write_text("not a picture")
+    cv2.imwrite(str(tmp_path / "good.png"), frames[0][-1])
+    words = [str(tmp_path / name) for name in ("bad.png", "none.png", "good.png")]
+    with pytest.raises(SystemExit) as end:
+        main(["estimate", *words, "--json", "-"])
+    assert end.value.code == 2
+    shown = capsys.readouterr()
+    found = json.loads(shown.out)
+    assert [each["image"] for each in found["estimates"]] == words[2:]
+    assert [each["image"] for each in found["failures"]] == words[:2]
+    assert "not a picture" in found["failures"][0]["reason"]
+    assert "2 of 3 pictures could not be read" in shown.err
+
+
+def test_a_crop_takes_the_part_that_shows_the_system(
+    tmp_path: Path, frames: tuple[np.ndarray, np.ndarray], capsys: pytest.CaptureFixture[str]
+) -> None:
+    wide = np.pad(frames[0][-1], ((0, 0), (20, 30)))
+    cv2.imwrite(str(tmp_path / "wide.png"), wide)
+    cv2.imwrite(str(tmp_path / "own.png"), frames[0][-1])
+    found = []
+    for words in (["wide.png", "--crop", "20", "0", "128"], ["own.png"]):
+        main(["estimate", str(tmp_path / words[0]), *words[1:], "--json", "-"])
+        found.append(json.loads(capsys.readouterr().out)["estimates"][0]["F_net_N"])
+    assert found[0] == found[1]
+    with pytest.raises(SystemExit):
+        main(["estimate", str(tmp_path / "wide.png")])
+    assert "--crop 25 0 128" in capsys.readouterr().err
+
+
 def test_no_picture_at_all_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["estimate"])

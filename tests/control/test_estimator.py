@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
-from cards import made_up
+from closed_form import CARD, closed_form, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
@@ -15,59 +15,11 @@ from schemas import published_schema
 
 from exosight.control.estimator import OnnxEstimator
 from exosight.errors import DataError, InputError
-from exosight.learning.intervals import Widths
-from exosight.learning.model_file import OUTPUTS, card_to_metadata, seal
-
-CARD = made_up(
-    6,
-    8,
-    network="closed form",
-    training={"network": "closed form"},
-    data={"camera": "512 px/m"},
-    widths=Widths(((1.0,) * 7,) * 5, ((1.0,) * 7, (2.0,) * 7, (3.0,) * 7, (4.0,) * 7, (5.0,) * 7)),
-    ood_limit=0.5,
-)
+from exosight.learning.model_file import card_to_metadata, seal
 
 with_files = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
-
-
-def closed_form() -> onnx.ModelProto:
-    weight = np.tile(np.arange(1, 8, dtype=np.float32) / 48, (48, 1))
-    bias = np.array([0, 0, 0, 0, 0, 0, -1], np.float32)
-    nodes = [
-        helper.make_node("Flatten", ["image"], ["flat"], axis=1),
-        helper.make_node("Gemm", ["flat", "weight", "bias"], ["raw"]),
-        helper.make_node("Relu", ["raw"], ["forces"]),
-        helper.make_node("Mul", ["forces", "tenth"], ["tenths"]),
-        helper.make_node("Add", ["tenths", "tenth"], ["expected_error"]),
-        helper.make_node("Sigmoid", ["raw"], ["contact"]),
-        helper.make_node("ReduceMean", ["image", "sides"], ["ood_score"], keepdims=0),
-    ]
-    graph = helper.make_graph(
-        nodes,
-        "closed_form",
-        [helper.make_tensor_value_info("image", TensorProto.FLOAT, ["batch", 1, 6, 8])],
-        [
-            *(helper.make_tensor_value_info(name, TensorProto.FLOAT, ["batch", 7]) for name in OUTPUTS[:3]),
-            helper.make_tensor_value_info("ood_score", TensorProto.FLOAT, ["batch"]),
-        ],
-        [
-            numpy_helper.from_array(weight, "weight"),
-            numpy_helper.from_array(bias, "bias"),
-            numpy_helper.from_array(np.array(0.1, np.float32), "tenth"),
-            numpy_helper.from_array(np.array([1, 2, 3]), "sides"),
-        ],
-    )
-    model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 18)])
-    helper.set_model_props(model, card_to_metadata(CARD))
-    return model
-
-
-def write(path: Path, model: onnx.ModelProto) -> Path:
-    path.write_bytes(seal(model.SerializeToString()))
-    return path
 
 
 @pytest.fixture
@@ -213,7 +165,7 @@ def test_weights_in_another_file_are_refused(tmp_path: Path, place: str, monkeyp
     weight.data_location = TensorProto.EXTERNAL
     entry = weight.external_data.add()
     entry.key, entry.value = "location", str(folder / "weights.bin") if place == "absolute" else place
-    with pytest.raises(DataError, match="cannot use this model"):
+    with pytest.raises(DataError, match="it has external_data"):
         OnnxEstimator.load(write(folder / "model.onnx", model))
 
 

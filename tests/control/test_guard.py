@@ -74,6 +74,23 @@ def test_with_good_frames_it_does_what_the_law_does():
     assert bench.guarded.log == []
 
 
+def test_a_score_above_its_limit_never_reads_as_the_limit():
+    bench = Bench().settle()
+    bench.step(bench.good(reading=reading(0.3, ood_score=1.001)))
+    assert bench.guarded.problem is not None
+    assert "score 1.01" in bench.guarded.problem.cause
+
+
+def test_missed_periods_count_in_the_age_of_a_frame():
+    """After three missed periods a frame of two periods' age shows the command that was held meanwhile."""
+    for missed, fault in ((0, True), (3, False)):
+        bench = Bench().settle()
+        held = bench.step(target=0.0)
+        late = bench.good(age=2 * CONFIG.period, commands=np.array([held]))
+        bench.guarded.step(TARGET, late, missed)
+        assert (bench.guarded.problem is not None) == fault
+
+
 BAD = {
     "no frame": lambda bench: Measurement(),
     "stale": lambda bench: bench.good(age=0.6),
@@ -99,6 +116,9 @@ def test_bad_frames_hold_then_release_and_say_why(cause):
     assert bench.step(BAD[cause](bench)) == held
     assert bench.state is State.HOLD
     assert cause in bench.guarded.log[-1].cause
+    assert bench.guarded.problem is not None
+    assert cause in bench.guarded.problem.cause
+    assert bench.guarded.problem.remedy
     for _ in range(5):
         assert bench.step(BAD[cause](bench)) == held
     before = bench.u

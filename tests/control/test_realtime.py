@@ -116,17 +116,54 @@ def test_steps_keep_their_times(plant: Plant, guarded: Guarded) -> None:
     np.testing.assert_allclose([step.measurement.age for step in steps], 0.010, atol=1e-9)
 
 
-def test_lost_time_is_not_caught_up_with(plant: Plant, guarded: Guarded) -> None:
+def test_lost_time_is_not_caught_up_with_and_missed_periods_are_counted(
+    plant: Plant, guarded: Guarded
+) -> None:
     def dawdle(step: Step) -> None:
         if step.time == pytest.approx(0.2):
             plant.time.now += 0.35
 
     steps = go(plant, guarded, done=dawdle)
-    begins = np.array([step.time for step in steps])
-    assert np.diff(begins).min() >= 0.1 - 1e-9
-    # 15 ms of its own and 350 ms of dawdling, where 100 ms were planned.
-    assert steps[3].late == pytest.approx(0.265, abs=1e-9)
-    assert steps[4].late == pytest.approx(0, abs=1e-9)
+    # 15 ms of its own and 350 ms of dawdling: the periods at 0.3, 0.4 and 0.5 s have begun meanwhile.
+    begins = [0.0, 0.1, 0.2, *np.arange(6, 20) / 10]
+    np.testing.assert_allclose([step.time for step in steps], begins, atol=1e-9)
+    np.testing.assert_allclose([step.late for step in steps], 0, atol=1e-9)
+    assert [step.missed for step in steps] == [0, 0, 0, 3, *[0] * 13]
+    assert steps[3].measurement.age == pytest.approx(0.010)
+
+
+def test_the_wall_clock_is_kept_by_steps_that_take_too_long(plant: Plant, guarded: Guarded) -> None:
+    """Each step takes 137 ms where a period has 100: every other one is missed, and 6 s remain 6 s."""
+    begin = plant.time.now
+
+    def work(step: Step) -> None:
+        plant.time.now += 0.137 - 0.015
+
+    steps: list[Step] = []
+
+    def both(step: Step) -> None:
+        steps.append(step)
+        work(step)
+
+    at_the_end = run_live(plant, plant.read, guarded, plant, (TARGET,) * 60, both, plant.time.clock)
+    assert len(steps) == 30
+    assert len(steps) + sum(step.missed for step in steps) + at_the_end == 60
+    assert at_the_end == 1
+    release = guarded.release_time  # after the target's end
+    assert 5.9 < plant.time.now - begin < 6.1 + release + 0.2
+    keeps_the_rate(plant, guarded.config)
+
+
+def test_a_target_that_changes_in_a_missed_period_is_followed_by_the_clock(
+    plant: Plant, guarded: Guarded
+) -> None:
+    def dawdle(step: Step) -> None:
+        if step.time == pytest.approx(0.2):
+            plant.time.now += 0.35
+
+    target = np.arange(20) / 100
+    steps = go(plant, guarded, target, dawdle)
+    assert [step.target for step in steps] == pytest.approx([step.time / 10 for step in steps])
 
 
 def test_missing_frames_end_in_release(plant: Plant, guarded: Guarded) -> None:

@@ -30,9 +30,6 @@ class Webcam:
     def isOpened(self) -> bool:
         return True
 
-    def get(self, what: int) -> float:
-        return {cv2.CAP_PROP_FRAME_HEIGHT: 48.0, cv2.CAP_PROP_FRAME_WIDTH: 64.0}[what]
-
     def read(self) -> tuple[bool, np.ndarray | None]:
         return (True, self.pictures.pop(0)) if self.pictures else (False, None)
 
@@ -61,8 +58,8 @@ def soon(frames: sources.FrameStream) -> sources.Frame:
 def test_fitted_keeps_gray_values_and_takes_the_middle() -> None:
     picture = np.zeros((20, 40, 3), np.uint8)
     picture[:, 10:30] = 200  # the middle square, of equal red, green and blue
-    assert (fitted(picture, 10, 10) == 200).all()
-    assert (fitted(picture, 10, 10, crop=(0, 0, 10)) == 0).all()
+    assert (fitted(picture, 10, 10, None, "a") == 200).all()
+    assert (fitted(picture, 10, 10, (0, 0, 10), "a") == 0).all()
 
 
 def test_fitted_weighs_colours_by_rec_601() -> None:
@@ -70,13 +67,13 @@ def test_fitted_weighs_colours_by_rec_601() -> None:
     picture = np.tile(np.array([blue, green, red], np.uint8), (8, 8, 1))
     expected = 0.299 * red + 0.587 * green + 0.114 * blue
     # Rounded once to a gray level, with OpenCV's weights in fixed point.
-    assert np.abs(fitted(picture, 4, 4).astype(float) - expected).max() <= 1
+    assert np.abs(fitted(picture, 4, 4, None, "a").astype(float) - expected).max() <= 1
 
 
 @pytest.mark.parametrize("crop", [(-1, 0, 10), (0, 0, 21), (31, 0, 10), (0, 11, 10), (0, 0, 0)])
 def test_a_crop_outside_the_picture_is_refused(crop: tuple[int, int, int]) -> None:
     with pytest.raises(InputError, match="crop"):
-        fitted(np.zeros((20, 40), np.uint8), 10, 10, crop)
+        fitted(np.zeros((20, 40), np.uint8), 10, 10, crop, "a")
 
 
 # Files
@@ -90,6 +87,19 @@ def test_a_folder_shows_its_pictures_in_the_order_of_names(tmp_path: Path) -> No
     assert [int(frame.image[0, 0]) for frame in frames] == [10, 20, 30]
     assert all(frame.image.shape == (8, 8) for frame in frames)
     assert frames[0].time <= frames[1].time <= frames[2].time
+
+
+def test_a_crop_acts_on_the_pictures_of_a_folder(tmp_path: Path) -> None:
+    picture = np.zeros((48, 64), np.uint8)
+    picture[:, 8:56] = 200
+    cv2.imwrite(str(tmp_path / "a.png"), picture)
+    with pytest.raises(DataError, match="crop it, --crop 8 0 48"):
+        open_source(str(tmp_path), 32, 32)
+    with pytest.raises(InputError, match="within the 64×48"):
+        open_source(str(tmp_path), 32, 32, crop=(20, 0, 48))
+    (frame,) = open_source(str(tmp_path), 32, 32, crop=(8, 0, 48))
+    assert frame is not None
+    assert (frame.image == 200).all()
 
 
 def test_a_video_shows_every_frame_and_ends(tmp_path: Path) -> None:
@@ -107,6 +117,9 @@ def test_what_is_no_source_is_refused(tmp_path: Path) -> None:
     (tmp_path / "film.avi").write_text("not a video")
     with pytest.raises(DataError, match="not a video"):
         open_source(str(tmp_path / "film.avi"), 8, 8)
+    (tmp_path / "a.png").write_text("not a picture")
+    with pytest.raises(DataError, match="not a picture"):
+        open_source(str(tmp_path), 8, 8)
 
 
 def test_a_crop_outside_a_video_is_refused_at_once(tmp_path: Path) -> None:
@@ -142,6 +155,21 @@ def test_a_camera_that_stops_is_given_up(monkeypatch: pytest.MonkeyPatch) -> Non
     time.sleep(0.1)
     with pytest.raises(DataError, match="no frame for"):
         next(frames)
+
+
+def test_a_camera_without_a_frame_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    webcam = plug_in(monkeypatch, [])
+    monkeypatch.setattr(sources, "GIVEN_UP", 0.05)
+    with pytest.raises(DataError, match="no frame for"):
+        open_source("0", 32, 32)
+    assert webcam.released
+
+
+def test_a_crop_outside_a_camera_s_picture_is_refused_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    webcam = plug_in(monkeypatch, [np.zeros((48, 64, 3), np.uint8)] * 9)
+    with pytest.raises(InputError, match="within the 64×48 of camera 0"):
+        open_source("0", 32, 32, crop=(20, 0, 48))
+    assert webcam.released
 
 
 def test_a_camera_that_is_not_there_is_refused() -> None:

@@ -181,8 +181,8 @@ def replaced(name: str, values: np.ndarray):
 
 
 def test_another_kind_of_file_is_said(dataset: Path, swap_chunk) -> None:
-    swap_chunk(b"this is not HDF5, whatever its name says")
-    with pytest.raises(DataError, match=r"chunk_0000\.h5: not a chunk of frames"):
+    swap_chunk(b"this is not HDF5, whatever its name says" * 400)
+    with pytest.raises(DataError, match=r"chunk_0000\.h5: damaged, or not a chunk of frames"):
         read_frames(dataset)
 
 
@@ -241,12 +241,11 @@ def test_a_chunk_that_links_to_an_array_of_another_file_is_refused(
         file["images"] = h5py.ExternalLink(str(tmp_path / "secret.h5"), "images")
 
     alter_chunk(link_outside)
-    with pytest.raises(DataError, match="images is not an array of this file"):
+    with pytest.raises(DataError, match="images is missing, or a link"):
         read_frames(dataset)
 
 
 def test_a_promise_of_more_frames_than_there_are_is_refused(dataset: Path, edit_manifest) -> None:
-    # 2 GB of poses and images that are never touched.
     edit_manifest(lambda values: values["chunks"][0].update(frames=10_000_000))
-    with pytest.raises(DataError, match=r"images expects uint8 \(10000000, 4, 6\), got uint8 \(18, 4, 6\)"):
+    with pytest.raises(DataError, match=r"chunk_0000\.h5 cannot hold 10000000 frames"):
         read_frames(dataset)

@@ -1,41 +1,15 @@
 """The lab's systems, its server, run as users run it, and a client of it."""
 
-import threading
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import httpx
 import pytest
 from example_systems import THUMB, write_assisted_thumb
+from lab_server import Address, served
 
 from exosight.lab.security import LOOPBACK
-from exosight.lab.server import application, listen, server_of
+from exosight.lab.server import application
 from exosight.lab.system import LabSystem, open_system
-
-
-@dataclass(frozen=True)
-class Address:
-    host: str
-    port: int
-
-    def __str__(self) -> str:
-        return f"http://{self.host}:{self.port}"
-
-
-def served(lab: LabSystem, hosts: frozenset[str] | None, token: str | None) -> Iterator[Address]:
-    listener = listen("127.0.0.1", 0)
-    server = server_of(application(lab, lab.start, hosts, token))
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, daemon=True)
-    thread.start()
-    while not server.started:
-        assert thread.is_alive(), "the server ended before it began"
-        time.sleep(0.02)
-    yield Address("127.0.0.1", listener.getsockname()[1])
-    server.should_exit = True
-    thread.join(60)  # what it was asked for last may still be worked out
-    listener.close()
-    assert not thread.is_alive()
 
 
 @pytest.fixture(scope="session")
@@ -61,25 +35,29 @@ def assisted(tmp_path_factory: pytest.TempPathFactory) -> LabSystem:
 @pytest.fixture(scope="module")
 def address(lab: LabSystem) -> Iterator[Address]:
     """The lab on loopback, without a token."""
-    yield from served(lab, LOOPBACK, None)
+    with served(application(lab, lab.start, LOOPBACK, None)) as each:
+        yield each
 
 
 @pytest.fixture(scope="module")
 def guarded_address(lab: LabSystem) -> Iterator[Address]:
     """The lab as it is bound elsewhere: with the token "secret"."""
-    yield from served(lab, None, "secret")
+    with served(application(lab, lab.start, None, "secret")) as each:
+        yield each
 
 
 @pytest.fixture(scope="module")
 def thumb_address(thumb: LabSystem) -> Iterator[Address]:
     """The lab of a system file."""
-    yield from served(thumb, LOOPBACK, None)
+    with served(application(thumb, thumb.start, LOOPBACK, None)) as each:
+        yield each
 
 
 @pytest.fixture(scope="module")
 def assisted_address(assisted: LabSystem) -> Iterator[Address]:
     """The lab of a system of two channels."""
-    yield from served(assisted, LOOPBACK, None)
+    with served(application(assisted, assisted.start, LOOPBACK, None)) as each:
+        yield each
 
 
 @pytest.fixture(scope="module")

@@ -122,6 +122,66 @@ def test_the_page_shows_the_view_it_opens_with(open_page: Callable[..., Page], l
     assert page.locator("#sensors th[scope=row]").count() == len(lab.schema.sensors)
     expect(page.locator("#guard")).to_have_text("normal")
     page.wait_for_selector("#path path.down")
+    zone_names = [sensor.name for sensor in lab.schema.sensors if sensor.quantity == "contact force"]
+    expect(page.locator("#map text")).to_have_count(len(zone_names))
+    assert sorted(page.locator("#map text").all_text_contents()) == zone_names
+    # From base to tip, and filled where a zone is pressed.
+    places = [float(dot.get_attribute("cx") or 0) for dot in page.locator("#map circle").all()]
+    assert places == sorted(places)
+    filled = [float(dot.get_attribute("fill-opacity") or 0) for dot in page.locator("#map circle").all()]
+    np.testing.assert_allclose(filled, np.array(zones) / max(zones), atol=1e-3)
+
+
+def test_pose_and_settings_share_a_phones_screen(open_page: Callable[..., Page]) -> None:
+    page = open_page(viewport={"width": 390, "height": 844})
+
+    def box(selector: str) -> dict[str, float]:
+        found = page.locator(selector).bounding_box()
+        assert found is not None
+        return dict(found)
+
+    assert box("#settings")["y"] < 844
+    gap = page.get_by_label("Gap at the base", exact=True)
+    gap.focus()
+    assert box("#pose")["y"] >= 0
+    slider = gap.bounding_box()
+    assert slider is not None
+    assert box("#drive")["y"] + box("#drive")["height"] <= slider["y"] < 844
+    zoom = page.get_by_label("Zoom, %, as a number")
+    expect(zoom).to_be_hidden()
+    page.locator("summary", has_text="Camera").click()
+    expect(zoom).to_be_visible()
+    page.wait_for_selector("#map text")
+    assert box("#map text >> nth=0")["height"] >= 11  # of letters that can be read
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+
+
+def test_what_is_said_of_a_score_agrees_with_its_digits(open_page: Callable[..., Page]) -> None:
+    said = open_page().evaluate(
+        """async () => {
+            const { scoreWords } = await import("/svg.js");
+            return [0.004, 0.996, 1, 1.0004, 1.016, 17.554].map(scoreWords);
+        }"""
+    )
+    assert said == ["0.00", "1.00", "1.00", "1.01", "1.02", "17.55"]
+
+
+def test_the_ends_of_an_axis_stand_apart(open_page: Callable[..., Page]) -> None:
+    """A table as narrow as on a phone, of readings that are negative too."""
+    apart, unit = open_page().evaluate(
+        """async () => {
+            const { sensorTable } = await import("/charts.js"), host = document.createElement("div");
+            host.style.width = "300px";
+            document.body.append(host);
+            sensorTable(host, [{ name: "angle_1", quantity: "joint angle", unit: "rad" }],
+                { truth: true, estimates: true })({ angle_1: -0.4 });
+            const [left, right] = [...host.querySelectorAll(".foot text")]
+                .map((each) => each.getBoundingClientRect());
+            return [right.left - left.right, host.querySelector(".foot .unit").textContent];
+        }"""
+    )
+    assert apart > 4
+    assert unit == "rad"
 
 
 def test_a_bent_finger_is_drawn_whole_down_to_its_skin(open_thumb: Callable[..., Page]) -> None:
@@ -171,6 +231,8 @@ def test_a_system_file_has_its_own_sliders_and_sensors_and_says_why_there_are_no
         "No estimates: the network was trained for the system"
     )
     expect(page.locator("#guard")).to_be_hidden()
+    expect(page.locator("#map text")).to_have_count(3)
+    assert sorted(page.locator("#map text").all_text_contents()) == ["P1", "P2", "P3"]
     number = page.get_by_label("sleeve young, kPa, as a number")
     number.fill("250")
     number.press("Enter")
@@ -224,6 +286,7 @@ def test_files_and_the_command_can_be_saved(open_page: Callable[..., Page], tmp_
     for button, start in (
         ("#save-figure", b"<svg"),
         ("#save-picture", b"\x89PNG"),
+        ("#save-pose", b"tube,node,x [m],y [m],z [m],radius [m]\nfinger,0,"),
         ("#save-readings", b"sensor,"),
         ("#save-path", b"u [N],"),
     ):
@@ -262,6 +325,133 @@ def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page]
         page.locator("#save-run").click()
     waiting.value.save_as(tmp_path / "run.csv")
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 61
+
+
+def test_a_newer_run_takes_the_place_of_one_that_plays(open_page: Callable[..., Page]) -> None:
+    page = open_page()
+    page.get_by_role("tab", name="Closed loop").click()
+    page.get_by_label("Law").select_option("proportional")
+    page.get_by_label("Measured by").select_option("true")
+    run = page.locator("#loop-settings button")
+    run.click()
+    expect(page.locator("#loop-u")).to_have_text(re.compile("[1-9].* N"), timeout=SOON)
+    expect(page.locator("#play")).to_have_text("Pause")
+    page.route("**/api/trial", lambda route: None)  # not answered
+    run.click()
+    for name in ("loop-u", "loop-true", "loop-guard", "time-value"):
+        expect(page.locator(f"#{name}")).to_have_text("–")
+    expect(page.locator("#play")).to_be_disabled()
+    page.unroute("**/api/trial")
+    run.click()
+    expect(page.locator("#play")).to_have_text("Pause", timeout=SOON)
+    expect(page.locator("#loop-u")).to_have_text(re.compile("[1-9].* N"), timeout=SOON)
+    expect(page.locator("#loop-guard")).to_have_text("no guard")
+
+
+def test_the_address_keeps_the_settings_and_their_history(open_page: Callable[..., Page]) -> None:
+    page = open_page()
+    page.get_by_label("Family").select_option("sine")
+    expect(page).to_have_url(re.compile("#design.family=sine&drive=2.4$"))
+    zoom = page.get_by_label("Zoom, %, as a number")
+    zoom.fill("104")
+    zoom.press("Enter")
+    expect(page).to_have_url(re.compile("camera.zoom=1.04"))
+    page.get_by_role("tab", name="Closed loop").click()
+    page.get_by_label("Law").select_option("proportional")
+    target = page.get_by_label("Target F_net, N, as a number")
+    target.fill("0.21")
+    target.press("Enter")
+    expect(page).to_have_url(re.compile("#tab=loop&.*loop.target=0.21&loop.law=proportional&drive=2.4$"))
+    page.reload()
+    expect(page.locator("#command")).to_have_value("exosight lab --vary family=sine --zoom 1.04")
+    expect(page.get_by_label("Law")).to_have_value("proportional")
+    expect(target).to_have_value("0.21")
+    page.go_back()
+    expect(page.locator("#explore")).to_be_visible()
+    page.go_back()
+    expect(page.locator("#command")).to_have_value("exosight lab --vary family=sine")
+    expect(zoom).to_have_value("100")
+    page.go_forward()
+    expect(zoom).to_have_value("104")
+    expect(page.locator("#stale")).to_be_hidden()
+
+
+def test_an_address_that_does_not_fit_is_told_and_left(open_page: Callable[..., Page], address: Any) -> None:
+    page = open_page()
+    for text, words in {
+        "design.family=bogus": "design.family: expected one of linear, sine",
+        "design.__proto__=1": "design.__proto__: there is no such setting of published",
+        "design.length=NaN": "design.length: expected",
+        "drive=99": "drive, u: expected 0 to 4, got",
+        "drive=2.4_1": "drive: expected 1 commands",
+        "drive=2.403": "drive, u: expected multiples of 0.05",
+        "&".join(["drive=1"] * 65): "drive: expected at most 64 stops",
+        "loop.gain=1e999": "loop.gain: expected",
+        "<img src=x onerror=alert(1)>": "there is no such setting",
+        "x" * 9000: "expected at most 8000 characters",
+    }.items():
+        page.goto(f"{address}/#{text}")
+        expect(page.locator("#stale")).to_contain_text(words)
+    expect(page).to_have_url(f"{address}/")
+    expect(page.locator("#command")).to_have_value("exosight lab")
+    page.get_by_label("Family").select_option("sine")
+    expect(page.locator("#stale")).to_be_hidden()
+
+
+def test_a_token_does_not_stay_in_the_address(browser: Browser, guarded_address: Any) -> None:
+    page = browser.new_page()
+    for _ in range(2):  # the second time the cookie is there already
+        page.goto(f"{guarded_address}/?token=secret#camera.zoom=1.04&drive=2.4")
+        expect(page.locator("#status")).to_be_hidden(timeout=SOON)
+        expect(page).to_have_url(f"{guarded_address}/#camera.zoom=1.04&drive=2.4")
+    page.close()
+
+
+def test_a_part_of_an_image_of_other_proportions_is_estimated(
+    open_page: Callable[..., Page], lab: LabSystem
+) -> None:
+    page = open_page(viewport={"width": 390, "height": 844})
+    page.get_by_role("tab", name="Image upload").click()
+    image = np.full((480, 640), 235, np.uint8)
+    image[100:420, 40:360] = cv2.resize(
+        see(lab.start, lab).image, (320, 320), interpolation=cv2.INTER_NEAREST
+    )
+    data = cv2.imencode(".png", image)[1].tobytes()
+    page.locator("#file").set_input_files({"name": "wide.png", "mimeType": "image/png", "buffer": data})
+    frame = page.locator("#frame")
+    expect(frame).to_have_attribute(
+        "aria-label", "Crop of 480 by 480 pixels, 80 from the left, 0 from the top"
+    )
+    expect(page.locator("#result")).to_be_hidden()
+    shown = page.locator("#whole").bounding_box()
+    assert shown is not None
+    pixel = shown["width"] / 640
+
+    def drag(x: float, y: float, to_x: float, to_y: float) -> None:
+        assert shown is not None
+        page.mouse.move(shown["x"] + x * pixel, shown["y"] + y * pixel)
+        page.mouse.down()
+        page.mouse.move(shown["x"] + to_x * pixel, shown["y"] + to_y * pixel, steps=3)
+        page.mouse.up()
+
+    drag(550, 470, 390, 310)  # its corner
+    drag(200, 100, 160, 200)
+    # A pixel of the page is nearly two of the image.
+    left, top, side = (int(re.findall(r"\d+", frame.get_attribute("aria-label") or "")[i]) for i in (2, 3, 0))
+    np.testing.assert_allclose((left, top, side), (40, 100, 320), atol=2)
+    frame.focus()
+    page.keyboard.press("Shift+ArrowLeft")
+    page.keyboard.press("Shift+ArrowLeft")
+    expect(frame).to_have_attribute("aria-label", re.compile(" 0 from the left"))
+    for _ in range(7):
+        page.keyboard.press("ArrowRight")
+    for _ in range(5):
+        page.keyboard.press("+")
+        page.keyboard.press("-")
+    page.get_by_role("button", name="Estimate this crop").click()
+    expect(page.locator("#verdict")).to_contain_text("within the training distribution")
+    estimated = float(page.locator("#verdict").inner_text().split()[1])
+    assert estimated == pytest.approx(net_force(lab, lab.start), abs=0.03)
 
 
 def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page], lab: LabSystem) -> None:

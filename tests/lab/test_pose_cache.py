@@ -138,3 +138,17 @@ def test_what_is_remembered_is_bounded(cached: CachedSystem) -> None:
     assert len(poses._systems) <= 32
     assert poses.get("39", make) is made[-1]
     assert len(made) == 40
+
+
+def test_a_view_is_light_once_only_its_last_move_remains(lab: LabSystem) -> None:
+    young = {"young": 255.0}
+    peak, turned, twice = (View(young, ((4.0,), (0.8,), (2.0,))[:n]) for n in (1, 2, 3))
+    assert not lab.is_light(peak)
+    cached = lab.cached(peak)
+    assert lab.is_light(peak)
+    assert not lab.is_light(turned)
+    cached.at(lab.moves(peak))
+    assert lab.is_light(turned)
+    assert not lab.is_light(twice)
+    cached.at(lab.moves(turned))
+    assert lab.is_light(twice)

@@ -1,12 +1,15 @@
 """What the server answers, and what it refuses: it stays up whatever is sent."""
 
 import asyncio
+import http.client
 import io
 import json
+import resource
 import socket
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any
 
@@ -19,7 +22,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from exosight.errors import InputError
-from exosight.lab import uploads
+from exosight.lab import security
 from exosight.lab.pose_cache import PoseCache
 from exosight.lab.security import LOOPBACK
 from exosight.lab.server import access, address_of, listen
@@ -209,11 +212,6 @@ def test_pictures_of_a_wrong_shape_or_size_are_refused(
     alive()
 
 
-def test_the_reader_of_uploads_knows_no_other_kinds_of_file() -> None:
-    with pytest.raises(OSError, match="not one that can be read"):
-        uploads.read_upload(b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", 128, 128)
-
-
 @pytest.mark.parametrize("path", TRICKS)
 def test_paths_lead_nowhere_else(
     client: httpx.Client, address: Any, path: str, alive: Callable[[], None]
@@ -281,6 +279,47 @@ def test_elsewhere_a_token_is_demanded(guarded_address: Any) -> None:
         assert "HttpOnly" in welcome.headers["set-cookie"]
         assert "SameSite=strict" in welcome.headers["set-cookie"]
         assert guest.get("/api/about").status_code == 200
+
+
+def test_half_open_connections_keep_no_one_out_who_shows_the_token(guarded_address: Any) -> None:
+    """More of them than the server keeps, and twice as many open files as a process may usually have."""
+    files, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, most), most))
+    place = (guarded_address.host, guarded_address.port)
+    with ExitStack() as stack:
+        stack.callback(resource.setrlimit, resource.RLIMIT_NOFILE, (files, most))
+        for _ in range(520):
+            line = stack.enter_context(socket.create_connection(place, timeout=20))
+            line.sendall(b"POST /api/view HTTP/1.1\r\nHost: lab\r\nContent-")
+        with httpx.Client(base_url=str(guarded_address), timeout=120) as guest:
+            guest.cookies.set("exosight_lab", "secret")
+            answer = guest.post("/api/view", json={"drive": [[2.4]]})
+            assert answer.json()["drive"] == [[2.4]]
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "status"),
+    [
+        ("view", b"Content-Length: 1000000000000\r\n\r\n{", 413),
+        ("estimate", b"Content-Length: 8388609\r\n\r\n", 413),
+        ("path", b"Transfer-Encoding: chunked\r\n\r\n10001\r\n" + b" " * 0x10001 + b"\r\n", 413),
+        ("trial", b"Content-Length: 2\r\n\r\n{", 408),
+        ("estimate", b"Transfer-Encoding: chunked\r\n\r\n1\r\nx\r\n", 408),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_a_body_that_is_too_long_or_too_slow_is_refused_before_its_end(
+    address: Any, monkeypatch: pytest.MonkeyPatch, path: str, body: bytes, status: int
+) -> None:
+    if status == 408:
+        monkeypatch.setattr(security, "_SECONDS", 0.1)
+    head = f"POST /api/{path} HTTP/1.1\r\nHost: {address.host}\r\nContent-Type: application/json\r\n"
+    with socket.create_connection((address.host, address.port), timeout=60) as line:
+        line.sendall(head.encode() + body)
+        answer = http.client.HTTPResponse(line)
+        answer.begin()
+        assert answer.status == status
+        assert set(json.load(answer)) == {"error"}
 
 
 def test_only_this_machine_is_open_without_a_token() -> None:

@@ -12,10 +12,12 @@ from exosight.control.estimator import DEFAULT_MODEL
 from exosight.control.simulated import SimulatedPlant
 from exosight.lab.estimates import judge
 from exosight.lab.pictures import photograph
+from exosight.lab.saving import pose_csv
 from exosight.lab.settings import Look, PathSettings, View
 from exosight.lab.system import LabSystem
 from exosight.lab.views import answer, path_answer, path_of, see
 from exosight.vision.ood_images import draw_ood_images
+from exosight.vision.renderer import BACKGROUND
 
 
 def told_path(settings: PathSettings, lab: LabSystem) -> dict:
@@ -209,3 +211,23 @@ def test_options_that_do_not_fit_are_refused_in_one_sentence(
     said = capsys.readouterr().err
     assert said.count("\n") == 1
     assert sentence in said
+
+
+@pytest.mark.parametrize("shift", np.arange(-0.2, 0.21, 0.05))
+def test_a_body_that_leaves_the_image_is_noted(shift: float, lab: LabSystem) -> None:
+    seen = see(View(drive=((2.4,),), look=Look(shift_x=float(shift))), lab)
+    border = np.concatenate([seen.image[0], seen.image[-1], seen.image[:, 0], seen.image[:, -1]])
+    noted = any("outside the camera image" in note for note in seen.notes)
+    assert noted == bool((border != BACKGROUND).any())
+
+
+def test_a_pose_is_saved_with_the_positions_and_radii_of_its_nodes(lab: LabSystem) -> None:
+    seen = see(lab.start, lab)
+    head, *rows = (line.split(",") for line in pose_csv(seen).splitlines())
+    assert head == ["tube", "node", "x [m]", "y [m]", "z [m]", "radius [m]"]
+    for tube in seen.system.tubes:
+        own = np.array([row[1:] for row in rows if row[0] == tube.name], float)
+        np.testing.assert_array_equal(own[:, 0], np.arange(len(tube.radius)))
+        # Six digits are written.
+        np.testing.assert_allclose(own[:, 1:4], seen.observation.axes[tube.name], rtol=1e-5, atol=1e-12)
+        np.testing.assert_allclose(own[:, 4], tube.radius, rtol=1e-5)

@@ -7,12 +7,14 @@ import exosight.learning
 
 BLOCKED = """
 import sys
-for name in ("torch", "onnx", "onnxscript", "safetensors"):
+for name in ("torch", "onnxscript", "safetensors"):
     sys.modules[name] = None
-import exosight.control.estimator
+import exosight.learning
+from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.errors import InputError
 from exosight.learning import TrainConfig, read_history
 TrainConfig(network="paper")
+OnnxEstimator.load(DEFAULT_MODEL)
 for name in ("train", "export_onnx", "load_model"):
     try:
         getattr(exosight.learning, name)

@@ -203,7 +203,11 @@ def test_an_empty_file_and_what_is_no_text(tmp_path: Path) -> None:
 def test_what_is_no_file(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.toml")
     (tmp_path / "loop.toml").symlink_to(tmp_path / "loop.toml")
-    for name, sentence in (("none.toml", "no such file"), (".", "no file but"), ("pipe.toml", "no file but")):
+    for name, sentence in (
+        ("none.toml", "no such file"),
+        (".", "a folder"),
+        ("pipe.toml", "a device or a pipe"),
+    ):
         with pytest.raises(DataError, match=sentence):
             read_system_file(tmp_path / name)
     for name in ("loop.toml", "x" * 300, "a\0b"):

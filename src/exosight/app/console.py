@@ -26,6 +26,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from exosight.app.output import check_new_file, new_folder
+from exosight.errors import printable
 from exosight.evaluation.tables import Table, cell_text
 from exosight.files import write_new_file
 
@@ -110,8 +111,8 @@ def _fits(drawn: RichTable) -> bool:
 
 def _drawn(table: Table, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> RichTable:
     rich = RichTable(
-        title=table.caption,
-        caption=table.note or None,
+        title=Text(printable(table.caption)),
+        caption=Text(printable(table.note)) if table.note else None,
         title_justify="left",
         caption_justify="left",
         box=box.SIMPLE_HEAD,
@@ -120,15 +121,19 @@ def _drawn(table: Table, heads: Sequence[str], rows: Sequence[Sequence[str]]) ->
         show_edge=False,
     )
     for i, head in enumerate(heads):
-        rich.add_column(Text(head), justify="left" if i == 0 else "right", vertical="bottom")
+        rich.add_column(
+            Text("\n".join(map(printable, head.split("\n")))),
+            justify="left" if i == 0 else "right",
+            vertical="bottom",
+        )
     for row in rows:
-        rich.add_row(*map(Text, row))  # no markup: units stand in brackets
+        rich.add_row(*(Text(printable(cell)) for cell in row))  # no markup: units stand in brackets
     return rich
 
 
 def say(text: str) -> None:
     """Print one line for the reader, on stderr."""
-    notes.print(text, markup=False)
+    notes.print(printable(text), markup=False)
 
 
 @contextmanager

@@ -11,16 +11,20 @@ import numpy as np
 
 from exosight.control.actuators import Lines, NoActuator
 from exosight.control.estimator import OnnxEstimator
-from exosight.control.guard import GuardConfig, Guarded
+from exosight.control.guard import GuardConfig, Guarded, State
 from exosight.control.paths import ControllerConfig
 from exosight.control.realtime import Step, run_live, timings
 from exosight.control.recording import Recorder
 from exosight.control.scheduled import Scheduled
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.simulated_device import SimulatedDevice
-from exosight.control.sources import Crop, open_source
+from exosight.control.sources import FrameStream, open_source
 from exosight.evaluation.tables import Column, Table
 from exosight.system.system import System
+from exosight.vision.pictures import Crop
+
+WORDS = {State.SLOW: "loads slowly", State.HOLD: "holds", State.RELEASE: "releases"}
+"""What the controller does in each state but the normal one."""
 
 
 class Log:
@@ -31,27 +35,49 @@ class Log:
     """
 
     def __init__(self, say: Callable[[str], None], config: ControllerConfig) -> None:
-        self._config = config
-        self._say, self._seconds, self._late, self._told = say, [], [], -1
+        self._config, self._say, self._seconds, self._late = config, say, [], []
+        self.missed = 0  # periods; those at the end are added by whoever called `run_live`
+        self._told, self._told_missed, self._told_remedy = -1, 0, ""
         self._changes: list[dict[str, Any]] = []
 
     def append(self, step: Step) -> None:
         """Take note of a step."""
         self._seconds.append(step.seconds)
         self._late.append(step.late)
+        self.missed += step.missed
         if step.cause:
-            change = {"time_s": step.time, "state": step.state.value, "cause": step.cause}
+            remedy = step.problem.remedy if step.problem else ""
+            change = {"time_s": step.time, "state": step.state.value, "cause": step.cause, "remedy": remedy}
             self._changes.append(change)
             self._say(f"{step.time:7.1f} s  {step.state.value}: {step.cause}")
+        self._say_remedy(step)
         if int(step.time) > self._told:
             self._told = int(step.time)
-            sensor, driven = self._config.controlled, self._config.driven
-            value = step.measurement.sum(self._config.weights)
-            estimate = "no estimate" if np.isnan(value) else f"{sensor.name} {value:.3f} {sensor.unit}"
-            self._say(
-                f"{step.time:7.1f} s  {estimate}, target {step.target:g} {sensor.unit}, "
-                f"{driven.name} {step.command:.2f} {driven.unit}"
-            )
+            self._say(f"{step.time:7.1f} s  {self._state(step)}{self._newly_missed()}")
+
+    def _say_remedy(self, step: Step) -> None:
+        """What would help, once for each kind of problem that restrains the controller."""
+        if step.problem is None or step.state is State.NORMAL or step.problem.remedy == self._told_remedy:
+            return
+        self._told_remedy = step.problem.remedy
+        self._say(f"           {step.problem.cause}: {step.problem.remedy}")
+
+    def _state(self, step: Step) -> str:
+        sensor, driven = self._config.controlled, self._config.driven
+        value = step.measurement.sum(self._config.weights)
+        words = [
+            "no estimate" if np.isnan(value) else f"{sensor.name} {value:.3f} {sensor.unit}",
+            f"target {step.target:g} {sensor.unit}",
+            f"{driven.name} {step.command:.2f} {driven.unit}",
+        ]
+        if step.state in WORDS:
+            why = step.problem.cause if step.problem else "until enough frames in a row were good"
+            words.append(f"{WORDS[step.state]}: {why}")
+        return ", ".join(words)
+
+    def _newly_missed(self) -> str:
+        new, self._told_missed = self.missed - self._told_missed, self.missed
+        return f"; {new} periods missed" if new else ""
 
     @property
     def steps(self) -> int:
@@ -68,10 +94,25 @@ class Log:
         """How late each step began, (steps,) [s]."""
         return np.array(self._late)
 
+    def end(self) -> str:
+        """How the run ended, and whether it kept the clock."""
+        driven, period = self._config.driven, f"{1e3 * self._config.period:g} ms"
+        words = f"{driven.name} is back at 0 {driven.unit} after {self.steps} steps"
+        if not self.missed:
+            return f"{words}, one in each period of {period}"
+        took, longest = 1e3 * np.quantile(self.seconds.sum(axis=1), [0.5, 1.0])
+        return (
+            f"{words}; {self.missed} of {self.steps + self.missed} periods of {period} were missed, as steps "
+            f"took {took:.0f} ms (median), {longest:.0f} ms at most: choose a smaller --rate, or end other "
+            "programs"
+        )
+
     def summary(self) -> dict[str, Any]:
-        """Timing and changes of state as plain values."""
+        """Timing, missed periods and changes of state as plain values."""
         return {
             "steps": self.steps,
+            "missed_periods": self.missed,
+            "period_s": self._config.period,
             "timing": [asdict(timing) for timing in timings(self.seconds)],
             "late_p99_s": float(np.quantile(self.late, 0.99)),
             "guard": self._changes,
@@ -99,7 +140,7 @@ class LiveRun:
     system    that is simulated, or stands for the one before the camera
     network   that reads the images, and its file
     config    what the controller knows of the system
-    target    of each step [the controlled sensor's unit]
+    target    of each period [the controlled sensor's unit]
     record    new file for all that is seen, estimated and done, if there is to be one
     """
 
@@ -116,21 +157,36 @@ def on_simulation(run: LiveRun, log: Log) -> None:
     guarded = Guarded(Scheduled(run.config))
     device = SimulatedDevice(SimulatedPlant(run.system), run.config)
     with _written(run, guarded, log) as done, _stoppable():
-        run_live(device, run.network.read, guarded, device, run.target, done)
+        log.missed += run_live(device, run.network.read, guarded, device, run.target, done)
 
 
-def on_camera(run: LiveRun, source: str, crop: Crop | None, send: str | None, log: Log) -> None:
-    """Look through a camera or at pictures in files, and write the command to whoever reads it at `send`."""
-    height, width = run.network.card.schema.image_size
-    frames = open_source(source, width, height, crop)
-    with closing(frames), ExitStack() as stack:
-        # A camera has noise: the same picture, bit by bit, for half a second is no picture.
-        still = max(2, round(0.5 / run.config.period)) if source.isdecimal() else 0
-        guarded = Guarded(Scheduled(run.config), GuardConfig(frozen_frames=still))
+@contextmanager
+def opened(
+    source: str | None, network: OnnxEstimator, crop: Crop | None
+) -> Iterator[tuple[FrameStream, bool] | None]:
+    """The frames of a source, one of them read already, and whether a camera gives them; None without one."""
+    if source is None:
+        yield None
+        return
+    height, width = network.card.schema.image_size
+    with closing(open_source(source, width, height, crop)) as frames:
+        yield frames, source.isdecimal()
+
+
+def on_source(run: LiveRun, source: tuple[FrameStream, bool], send: str | None, log: Log) -> None:
+    """Look through a camera or at pictures in files, and write the command to whoever reads it at `send`.
+
+    source   as `opened` gives it
+    """
+    frames, from_camera = source
+    # A camera has noise: the same picture, bit by bit, for half a second is no picture.
+    still = max(2, round(0.5 / run.config.period)) if from_camera else 0
+    guarded = Guarded(Scheduled(run.config), GuardConfig(frozen_frames=still))
+    with ExitStack() as stack:
         done = stack.enter_context(_written(run, guarded, log))
         stack.enter_context(_stoppable())
         actuator = stack.enter_context(closing(NoActuator() if send is None else Lines.open(send)))
-        run_live(frames, run.network.read, guarded, actuator, run.target, done)
+        log.missed += run_live(frames, run.network.read, guarded, actuator, run.target, done)
 
 
 @contextmanager

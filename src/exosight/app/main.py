@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from exosight import __version__
-from exosight.errors import ExosightError, InputError
+from exosight.errors import ExosightError, InputError, printable
 
 COMMANDS = {
     "system": "what is simulated: presets, and files of your own",
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if os.environ.get("EXOSIGHT_TRACEBACK"):
             raise
         print(
-            f"exosight: a bug in exosight ({type(error).__name__}: {error}); "
+            f"exosight: a bug in exosight ({type(error).__name__}: {printable(str(error))}); "
             "please report it with the output of the same command under EXOSIGHT_TRACEBACK=1",
             file=sys.stderr,
         )
@@ -133,5 +133,5 @@ def _silence_stdout() -> None:
 
 
 def _fail(sentence: str) -> None:
-    print(f"exosight: {' '.join(sentence.split())}", file=sys.stderr)
+    print(f"exosight: {printable(' '.join(sentence.split()))}", file=sys.stderr)
     sys.exit(2)

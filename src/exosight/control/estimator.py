@@ -10,15 +10,15 @@ from jaxtyping import Float32, UInt8
 
 from exosight.errors import DataError, InputError
 from exosight.learning.intervals import interval
-from exosight.learning.model_file import OUTPUTS, ModelCard, open_model
+from exosight.learning.model_file import BATCH, OUTPUTS, ModelCard, open_model
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.outputs import nonnegative
 
 DEFAULT_MODEL = Path(__file__).parents[1] / "models" / "light.onnx"
 """The network that comes with the package; its card lies beside it."""
 
-# At this many 128×128 images the paper network's first layer holds 260 MB.
-_BATCH = 64
+_LARGEST = 1e20
+"""Of what a network answers: no interval or share of a limit made from it overflows."""
 
 
 @runtime_checkable
@@ -127,14 +127,19 @@ class OnnxEstimator:
         check_inputs(images, inputs, card.history, card.channels)
         found = np.empty((3, len(images), len(card.schema.outputs)), np.float32)
         ood_score = np.empty(len(images), np.float32)
-        for start in range(0, len(images), _BATCH):
-            part = slice(start, start + _BATCH)
+        for start in range(0, len(images), BATCH):
+            part = slice(start, start + BATCH)
             own = ModelInputs(*(None if x is None else x[part] for x in (inputs.history, inputs.commands)))
             given = {"image": stacked(images[part], own).astype(np.float32) / np.float32(255)}
             if own.commands is not None:
                 given["commands"] = own.commands
-            *found[:, part], ood_score[part] = self.session.run(list(OUTPUTS), given)
-        if not (np.isfinite(found).all() and np.isfinite(ood_score).all()):
+            try:
+                *found[:, part], ood_score[part] = self.session.run(list(OUTPUTS), given)
+            except Exception as error:  # its exceptions share no base of their own
+                raise DataError(
+                    f"the network does not run ({str(error)[:200]}); train and export it again"
+                ) from error
+        if not ((np.abs(found) <= _LARGEST).all() and (np.abs(ood_score) <= _LARGEST).all()):
             raise DataError("the network answers numbers that are not finite; train and export it again")
         values, expected_error, contact = found
         ood_score /= np.float32(card.ood_limit)

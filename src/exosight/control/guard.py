@@ -32,6 +32,13 @@ from exosight.errors import InputError
 _LARGEST = 50.0  # [N or rad]: no estimate is beyond it
 _HISTORY = 64  # actuations remembered, for pictures that come late
 
+_OTHER_NETWORK = "choose another network, one that was trained for this system"
+_SHOW = (
+    "show the system as the training images do (view, distance, light, background, nothing in front), or "
+    "fine-tune the network for this set-up (exosight train --pretrained)"
+)
+"""What helps against images that the network was not trained for."""
+
 Count = Annotated[int, Field(ge=1, le=1000)]
 
 
@@ -102,6 +109,18 @@ class Measurement:
 
 
 @dataclass(frozen=True)
+class Problem:
+    """What is wrong with a measurement.
+
+    cause    in words, with its numbers
+    remedy   what would help
+    """
+
+    cause: str
+    remedy: str
+
+
+@dataclass(frozen=True)
 class Transition:
     """One change of state, and why.
 
@@ -121,12 +140,14 @@ class Guarded:
     law     of control in the states NORMAL and SLOW
     guard   its settings
     log     every change of state since the reset
+    problem  of the last measurement, which keeps the law from acting freely; None: there is none
     """
 
     law: Scheduled
     guard: GuardConfig = field(default_factory=GuardConfig)
     state: State = field(init=False, default=State.NORMAL)
     log: list[Transition] = field(init=False, default_factory=list)
+    problem: Problem | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
         self._channel = self.config.schema.channel_index(self.config.channel)
@@ -146,16 +167,19 @@ class Guarded:
     def reset(self) -> None:
         """Return to the initial state, at u = 0."""
         self.law.reset()
-        self.state, self.log = State.NORMAL, []
+        self.state, self.log, self.problem = State.NORMAL, [], None
         self._steps = self._bad = self._good = self._reliable = self._inside = self._at_limit = self._same = 0
         self._past: deque[float] = deque([0.0], maxlen=_HISTORY)
         self._frame: np.ndarray | None = None
         self._frame_u = 0.0
 
-    def step(self, target: float | Float[np.ndarray, " outputs"], measurement: Measurement) -> float:
+    def step(
+        self, target: float | Float[np.ndarray, " outputs"], measurement: Measurement, missed: int = 0
+    ) -> float:
         """The command of the coming step [the channel's unit].
 
         target    of the controlled sensor [its unit], or (outputs,) one for each estimated sensor
+        missed    periods since the last step in which there was none, and u stayed
 
         Raises InputError if the target is no finite number.
         """
@@ -164,15 +188,18 @@ class Guarded:
         goal = self.config.sum(target) if isinstance(target, np.ndarray) else float(target)
         self._steps += 1
         self._inside += 1
+        self._past.extend([self._past[-1]] * min(missed, _HISTORY))
         fault = self._fault(measurement)
         outputs = (
             None if fault or measurement.reading is None else measurement.reading.forces[0].astype(float)
         )
         uncertain = fault or self._uncertainty(measurement, goal, outputs)
+        overload = self._overload(outputs)
+        self.problem = overload or uncertain
         self._bad = self._bad + 1 if fault else 0
         self._good = 0 if fault else self._good + 1
         self._reliable = 0 if uncertain else self._reliable + 1
-        self._change(goal < RELEASED, fault, uncertain, outputs)
+        self._change(goal < RELEASED, fault, uncertain, overload)
         u = self._past[-1]
         if self.state is State.RELEASE:
             wanted = 0.0
@@ -196,36 +223,39 @@ class Guarded:
 
     def _command_at(self, age: float) -> float:
         """The command of that long ago."""
-        back = min(round(age / self.config.period), len(self._past) - 1)
+        back = round(min(age / self.config.period, len(self._past) - 1))
         return self._past[-1 - back]
 
-    def _fault(self, measurement: Measurement) -> str:
-        """Why this frame is bad; empty if it is not."""
+    def _fault(self, measurement: Measurement) -> Problem | None:
+        """Why this frame is bad; None if it is not."""
         guard, image, reading = self.guard, measurement.image, measurement.reading
         if image is None or image.size == 0:
-            return "no frame"
+            return Problem("no frame", "check that the camera is connected and used by no other program")
         if not 0 <= measurement.age <= guard.max_age:
-            return f"a stale frame, {measurement.age:.2f} s old"
+            remedy = "use a camera or connection with less delay, or end other programs"
+            return Problem(f"a stale frame, {measurement.age:.2f} s old", remedy)
         if int(image.max()) - int(image.min()) < guard.min_contrast:
-            return "a black or blank frame"
+            return Problem("a black or blank frame", "uncover the lens, light the scene, check the exposure")
         if self._is_frozen(image, self._command_at(measurement.age)):
-            return "a frozen frame, identical to the last"
+            remedy = "restart the camera, and check that the actuator moves the system"
+            return Problem("a frozen frame, identical to the last", remedy)
         driven, then = self.config.driven, self._command_at(measurement.age)
         reported = self._reported(measurement)
         if reported is not None and not abs(reported - then) <= guard.max_command_error * driven.peak:
             at = f"{driven.name} = {reported:.2f} {driven.unit}"
-            return f"the plant reports {at}, not the command that was sent"
+            remedy = "check the actuator's supply and connection"
+            return Problem(f"the plant reports {at}, not the command that was sent", remedy)
         if reading is None:
-            return "no estimate"
+            return Problem("no estimate", _OTHER_NETWORK)
         rows = np.concatenate([reading.forces, reading.low, reading.high])
         if rows.shape != (3, len(self.config.weights)) or reading.ood_score.shape != (1,):
-            return "an estimate of another shape"
+            return Problem("an estimate of another shape", _OTHER_NETWORK)
         # NaN fails in each of these.
         if not (np.abs(rows) <= _LARGEST).all() or not (rows[1] <= rows[2]).all():
-            return "an estimate that is no valid reading"
+            return Problem("an estimate that is no valid reading", _OTHER_NETWORK)
         if not reading.ood_score[0] <= 1:
-            return f"an out-of-distribution image, score {reading.ood_score[0]:.2f}"
-        return ""
+            return Problem(f"an out-of-distribution image, score {_score(reading)}", _SHOW)
+        return None
 
     def _is_frozen(self, image: np.ndarray, then: float) -> bool:
         """Whether the picture is the last one again although u was another when it was taken."""
@@ -236,47 +266,70 @@ class Guarded:
         moved = abs(then - self._frame_u) >= self.guard.frozen_command_change * self.config.driven.peak
         return moved or 0 < self.guard.frozen_frames <= self._same
 
-    def _uncertainty(self, measurement: Measurement, target: float, outputs: np.ndarray | None) -> str:
-        """Why the estimate is uncertain; empty if it is reliable."""
+    def _uncertainty(
+        self, measurement: Measurement, target: float, outputs: np.ndarray | None
+    ) -> Problem | None:
+        """Why the estimate is uncertain; None if it is reliable."""
         if outputs is None or measurement.reading is None:
-            return "no estimate"
+            return Problem("no estimate", _OTHER_NETWORK)
         short = self.config.sum(outputs) < target and self._past[-1] >= self.config.u_max
         self._at_limit = self._at_limit + 1 if short else 0
         reading, config = measurement.reading, self.config
         width = float(((reading.high - reading.low)[0] * config.weights.astype(np.float32)).sum())
-        ood_score = float(reading.ood_score[0])
         if width >= self.guard.uncertain_width:
-            return f"an uncertain estimate, an interval of {width:.2f} {config.controlled.unit}"
-        if ood_score >= self.guard.uncertain_ood_score:
-            return f"an image close to out of distribution, score {ood_score:.2f}"
+            cause = f"an uncertain estimate, an interval of {width:.2f} {config.controlled.unit}"
+            return Problem(cause, _SHOW)
+        if float(reading.ood_score[0]) >= self.guard.uncertain_ood_score:
+            return Problem(f"an image close to out of distribution, score {_score(reading)}", _SHOW)
         if self._at_limit >= self.guard.limit_steps:
             largest = f"{config.driven.name}, {config.u_max:.2f} {config.driven.unit}"
-            return f"the target is not reached at the largest {largest}"
-        return ""
+            remedy = "choose a smaller target, or check that the system is worn as it was simulated"
+            return Problem(f"the target is not reached at the largest {largest}", remedy)
+        return None
 
-    def _change(self, releasing: bool, fault: str, uncertain: str, outputs: np.ndarray | None) -> None:
+    def _overload(self, outputs: np.ndarray | None) -> Problem | None:
+        """The output that is too large; None if none is."""
+        limits = self.config.output_limits
+        if outputs is None or not (outputs > self.guard.overload * limits).any():
+            return None
+        worst = int((outputs / limits).argmax())
+        spec = self.config.schema.estimated[worst]
+        verb = "presses with" if spec.quantity == "contact force" else "reads"
+        remedy = f"choose a smaller target; the limit of {spec.name} is {limits[worst]:g} {spec.unit}"
+        return Problem(f"{spec.name} {verb} {outputs[worst]:.2f} {spec.unit}", remedy)
+
+    def _change(
+        self, releasing: bool, fault: Problem | None, uncertain: Problem | None, overload: Problem | None
+    ) -> None:
         guard, state, at_rest = self.guard, self.state, self._past[-1] == 0
         if state is not State.RELEASE:
-            limits = self.config.output_limits
-            if outputs is not None and (outputs > guard.overload * limits).any():
-                worst = int((outputs / limits).argmax())
-                spec = self.config.schema.estimated[worst]
-                verb = "presses with" if spec.quantity == "contact force" else "reads"
-                return self._go(State.RELEASE, f"{spec.name} {verb} {outputs[worst]:.2f} {spec.unit}")
+            if overload:
+                return self._go(State.RELEASE, overload.cause)
             if fault and releasing and not at_rest:
-                return self._go(State.RELEASE, f"{fault}, and a target of 0 {self.config.controlled.unit}")
+                unit = self.config.controlled.unit
+                return self._go(State.RELEASE, f"{fault.cause}, and a target of 0 {unit}")
         if state in (State.NORMAL, State.SLOW):
-            if self._bad >= guard.bad_frames:
-                self._go(State.HOLD, fault)
+            if fault and self._bad >= guard.bad_frames:
+                self._go(State.HOLD, fault.cause)
             elif state is State.NORMAL and uncertain and not fault:
-                self._go(State.SLOW, uncertain)
+                self._go(State.SLOW, uncertain.cause)
             elif state is State.SLOW and self._reliable >= guard.good_frames:
                 self._go(State.NORMAL, f"{self._reliable} reliable frames in a row")
-        elif state is State.HOLD and self._bad >= guard.bad_frames and self._inside > guard.hold_steps:
-            self._go(State.RELEASE, f"{fault}, after {self._inside - 1} steps of holding")
+        elif (
+            fault
+            and state is State.HOLD
+            and self._bad >= guard.bad_frames
+            and self._inside > guard.hold_steps
+        ):
+            self._go(State.RELEASE, f"{fault.cause}, after {self._inside - 1} steps of holding")
         elif self._good >= guard.good_frames and (state is State.HOLD or at_rest):
             self._go(State.SLOW, f"{self._good} good frames in a row")
 
     def _go(self, state: State, cause: str) -> None:
         self.log.append(Transition(self._steps, self.state, state, cause))
         self.state, self._bad, self._good, self._reliable, self._inside = state, 0, 0, 0, 0
+
+
+def _score(reading: Reading) -> str:
+    """The OOD score, rounded up: one above the limit of 1 never reads as 1.00."""
+    return f"{np.ceil(100 * float(reading.ood_score[0])) / 100:.2f}"

@@ -1,4 +1,5 @@
-"""The loop in real time: acquire, estimate, control, actuate, at a fixed rate; at its end u returns to 0.
+"""The loop in real time: acquire, estimate, control, actuate, in the periods of a clock; at its end u returns
+to 0.
 
 acquire   the newest frame of a source; of a simulated plant, rendering
 estimate  the network
@@ -6,20 +7,23 @@ control   guard and law
 actuate   the actuator; of a simulated plant, solving
 """
 
+import math
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.control.actuators import Actuator
 from exosight.control.estimator import Reading, read_one
-from exosight.control.guard import Guarded, Measurement, State
+from exosight.control.guard import Guarded, Measurement, Problem, State
 from exosight.control.paths import limited
 from exosight.control.sources import Frame, Source
 from exosight.errors import InputError
 
+_ROUND_OFF = 1e-6  # of a number of periods
 STAGES = ("acquire", "estimate", "control", "actuate")
 
 Read = Callable[[UInt8[np.ndarray, "frames height width"]], Reading]
@@ -39,6 +43,8 @@ class Step:
     cause    of a change of state in this step; empty if there was none
     seconds  (4,)  that the STAGES took [s]
     late     how long after its time the step began [s]
+    problem  of the measurement; None if there is none
+    missed   periods since the last step in which there was none
     """
 
     time: float
@@ -50,6 +56,8 @@ class Step:
     cause: str
     seconds: Float[np.ndarray, "4"]
     late: float
+    problem: Problem | None = None
+    missed: int = 0
 
 
 @dataclass(frozen=True)
@@ -71,46 +79,63 @@ def run_live(
     target: Iterable[float],
     done: Callable[[Step], None] = lambda step: None,
     clock: Clock = REAL_TIME,
-) -> None:
-    """Follow a target until it ends or the source does; every step waits for its time.
+) -> int:
+    """Follow a target until it ends or the source does, one step in each period of the clock.
 
-    Each step begins a period after the one before, or later: lost time is not caught up with. Whatever ends
+    Period k begins k periods after the first one. A step that takes longer than its period leaves out those
+    that began meanwhile: they are missed, their targets too, u stays, and the next step begins with a period
+    again. So a target of 600 periods of 0.1 s ends after 60 s, however long the steps take. Whatever ends
     the loop, an exception of anyone and Ctrl-C included, u first returns to 0 at the rate limit; a second
     Ctrl-C cuts that short, and leaves the rest to `Actuator.close`.
 
-    target   of each step [the controlled sensor's unit], a finite number; `itertools.repeat(0.2)` goes on
+    target   of each period [the controlled sensor's unit], a finite number; `itertools.repeat(0.2)` goes on
              until it is stopped
     done     called with every step; what it raises ends the loop
+    returns  how many periods at the end of the target were missed; those before are told by the steps
     """
     guarded.reset()
-    period, u = guarded.config.period, 0.0
+    period, u, slot, missed = guarded.config.period, 0.0, -1, 0
+    targets = iter(target)
     try:
         actuator.apply(u)
-        begin = due = clock.now() + period
-        for force in target:
+        begin = clock.now() + period
+        while True:
+            ahead = list(islice(targets, missed + 1))
+            if len(ahead) <= missed:
+                return len(ahead)
+            slot += missed + 1
+            due = begin + slot * period
             clock.sleep(max(0.0, due - clock.now()))
             started = clock.now()
-            late, due = started - due, started + period
             try:
                 frame = next(source)
             except StopIteration:
-                return
+                return 0
             seen = clock.now()
             reading = None if frame is None else read_one(read, frame.image)
             estimated = clock.now()
             measurement = Measurement() if frame is None else _measurement(frame, reading, estimated)
-            changes = len(guarded.log)
-            u = guarded.step(force, measurement)
+            changes, force = len(guarded.log), ahead[-1]
+            u = guarded.step(force, measurement, missed)
             decided = clock.now()
             actuator.apply(u)
-            seconds = np.diff([started, seen, estimated, decided, clock.now()])
-            cause = guarded.log[-1].cause if len(guarded.log) > changes else ""
-            known = None if frame is None else frame.outputs
             done(
                 Step(
-                    started - begin, float(force), measurement, known, u, guarded.state, cause, seconds, late
+                    time=started - begin,
+                    target=float(force),
+                    measurement=measurement,
+                    true=None if frame is None else frame.outputs,
+                    command=u,
+                    state=guarded.state,
+                    cause=guarded.log[-1].cause if len(guarded.log) > changes else "",
+                    problem=guarded.problem,
+                    seconds=np.diff([started, seen, estimated, decided, clock.now()]),
+                    late=started - due,
+                    missed=missed,
                 )
             )
+            passed = (clock.now() - begin) / period - slot  # periods since this one began
+            missed = max(0, math.ceil(passed - _ROUND_OFF) - 1)
     finally:
         _let_go(guarded, actuator, u, clock)
 

@@ -1,4 +1,4 @@
-"""A run of the loop in real time as one HDF5 file, and the same frames through network and guard once more.
+"""A run of the loop in real time as one HDF5 file.
 
 It is written and flushed a second at a time, in HDF5's oldest layout, which keeps no mark of being open. So
 it can be read after the writing process was killed, and then ends with the last whole second.
@@ -15,20 +15,20 @@ from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int8, UInt8
+from jaxtyping import Bool, Float, Float32, Int8, Int32, UInt8
 from pydantic import TypeAdapter, ValidationError
 
 from exosight import __version__
-from exosight.control.estimator import Reading, read_one
-from exosight.control.guard import GuardConfig, Guarded, Measurement, State
+from exosight.control.guard import GuardConfig, Guarded, State
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.realtime import STAGES, Step
-from exosight.control.scheduled import Scheduled
 from exosight.errors import DataError, InputError
-from exosight.files import check_format
+from exosight.files import check_format, open_file
+from exosight.hdf5 import array, group, opened, stored_rows, text, whole_array
 from exosight.system.schema import schema_from_dict, schema_to_dict
+from exosight.validation import first_fault
 
-FORMAT = 3
+FORMAT = 4
 """Version of recordings; a reader takes this one."""
 
 _FORMAT_PREFIX = "exosight recording "
@@ -42,6 +42,8 @@ _GUARD = TypeAdapter(GuardConfig)
 _ARRAYS = ("u", "outputs", "controlled", "snapped")
 _NAMES = ("sensor", "channel")
 _NUMBERS = ("rate", "period", "smallest_gain", "largest_gain")
+_LARGEST = 1e9  # of any number, in its unit; what is computed from such numbers stays finite
+_LARGEST_IMAGE = 40_000_000  # pixels
 
 
 class Column(NamedTuple):
@@ -52,7 +54,7 @@ class Column(NamedTuple):
     unit      empty where it has none; where its row is one number a sensor, theirs, separated by commas
     meaning   in words
     value     of a step; None where it has none
-    missing   is stored in the place of None
+    missing   is stored in the place of None; where it is a number, NaN is refused
     """
 
     kind: str
@@ -60,7 +62,7 @@ class Column(NamedTuple):
     unit: str
     meaning: str
     value: Callable[[Step], Any]
-    missing: float = math.nan
+    missing: float = 0.0
 
 
 def columns(config: ControllerConfig) -> dict[str, Column]:
@@ -76,7 +78,7 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
             reading = step.measurement.reading
             return None if reading is None else getattr(reading, field)[0]
 
-        return Column("f4", row, unit, meaning, value, 0.0)
+        return Column("f4", row, unit, meaning, value)
 
     return {
         "time": Column("f8", (), "s", "since the first step began", lambda s: s.time),
@@ -87,8 +89,11 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
             *commands,
             "commands that the plant reported with the frame; NaN: none",
             lambda s: s.measurement.commands,
+            math.nan,
         ),
-        "age": Column("f8", (), "s", "of the frame when it was acted on", lambda s: s.measurement.age),
+        "age": Column(
+            "f8", (), "s", "of the frame when it was acted on", lambda s: s.measurement.age, math.nan
+        ),
         "has_frame": Column("?", (), "", "a frame came", lambda s: s.measurement.image is not None),
         "has_estimate": Column(
             "?", (), "", "the network gave finite estimates", lambda s: s.measurement.reading is not None
@@ -98,7 +103,9 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
         "high": estimate("high", outputs, units, "upper ends"),
         "contact": estimate("contact", outputs, "-", "probabilities of contact"),
         "ood_score": estimate("ood_score", (), "-", "score of an out-of-distribution image; trusted up to 1"),
-        "true": Column("f8", outputs, units, f"true readings of {names}; NaN: unknown", lambda s: s.true),
+        "true": Column(
+            "f8", outputs, units, f"true readings of {names}; NaN: unknown", lambda s: s.true, math.nan
+        ),
         "state": Column("i1", (), "", f"of the guard: {states}", lambda s: STATES.index(s.state)),
         "cause": Column(
             _CAUSE, (), "", "of a change of state in this step", lambda s: s.cause.encode()[:_CAUSE_LENGTH]
@@ -107,6 +114,7 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
             "f8", (len(STAGES),), "s", f"that these took: {', '.join(STAGES)}", lambda s: s.seconds
         ),
         "late": Column("f8", (), "s", "how long after its time the step began", lambda s: s.late),
+        "missed": Column("i4", (), "", "periods without a step since the last one", lambda s: s.missed),
     }
 
 
@@ -114,15 +122,16 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
 class Recording:
     """What a file holds: a row a step; see `columns` for units and meanings.
 
+    path        of the file, which holds the images: `images` reads them one by one
     model       SHA-256 of the network's file
     controller  what the law knew of the plant, its schema and the names of sensor and channel among it
     guard       what was trusted
     """
 
+    path: Path
     model: str
     controller: ControllerConfig
     guard: GuardConfig
-    images: UInt8[np.ndarray, "steps height width"]
     time: Float[np.ndarray, " steps"]
     target: Float[np.ndarray, " steps"]
     command: Float[np.ndarray, " steps"]
@@ -140,9 +149,17 @@ class Recording:
     cause: np.ndarray
     seconds: Float[np.ndarray, "steps 4"]
     late: Float[np.ndarray, " steps"]
+    missed: Int32[np.ndarray, " steps"]
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def images(self) -> Iterator[UInt8[np.ndarray, "height width"]]:
+        """The image of every step, gray 0…255; DataError if the file is damaged there, or gone."""
+        with _opened(self.path) as file:
+            images = _images(file)
+            for i in range(len(self)):
+                yield images[i]
 
 
 class Recorder:
@@ -159,7 +176,7 @@ class Recorder:
     def __init__(self, path: Path, shape: tuple[int, int], guarded: Guarded, model: Path) -> None:
         self._path, self._shape, self._rows = path, shape, []
         self._columns = columns(guarded.config)
-        self._block = max(1, round(1 / guarded.config.period))
+        self._block = _block(guarded.config)
         with _told(path):
             try:
                 path.open("xb").close()
@@ -228,70 +245,31 @@ def _told(path: Path) -> Iterator[None]:
 
 
 def read_recording(path: Path) -> Recording:
-    """A recording in memory; DataError if the file is missing, damaged or of another kind."""
-    try:
-        with h5py.File(path, "r") as file:
-            version = str(file.attrs.get("format")).removeprefix(_FORMAT_PREFIX)
-            found = int(version) if version.isdecimal() else None
-            check_format(path, "recording", found, FORMAT, "record the run again with exosight live --record")
-            controller, guard = _controller(file)
-            wanted = columns(controller)
-            values = {name: _column(file, name, wanted.get(name)) for name in ("images", *wanted)}
-            # A process killed while it wrote leaves some columns longer than others.
-            steps = min(len(column) for column in values.values())
-            head = str(file.attrs["model"]), controller, guard
-    except FileNotFoundError as error:
-        raise DataError(f"{path}: not found; expected a recording of exosight") from error
-    except DataError:
-        raise
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
-        raise DataError(f"{path}: damaged, or not a recording of exosight ({error})") from error
+    """A recording, but for its images, in memory.
+
+    Raises DataError if the file is missing, damaged, of another kind, or holds what no run can have been.
+    """
+    with _opened(path) as file:
+        version = text(file, "format").removeprefix(_FORMAT_PREFIX)
+        found = int(version) if version.isascii() and version.isdecimal() and len(version) < 9 else None
+        check_format(path, "recording", found, FORMAT, "record the run again with exosight live --record")
+        model = text(file, "model")
+        controller, guard = _controller(file)
+        wanted = columns(controller)
+        stored = {
+            name: array(file, name, column.kind, (None, *column.row)) for name, column in wanted.items()
+        } | {"images": _images(file)}
+        # A process killed while it wrote leaves some columns longer than others, by a second at most.
+        steps = min(map(stored_rows, stored.values()))
+        claimed = max(map(len, stored.values()))
+        if claimed > steps + _block(controller) or steps * _step_bytes(wanted) > file.id.get_filesize():
+            raise ValueError(f"it claims {claimed} steps, of which the file stores {steps}")
+        values = {name: stored[name][:steps] for name in wanted}
+        for name, column in wanted.items():
+            _check_values(name, values[name], column)
     if steps == 0:
         raise DataError(f"{path}: holds no step; it was stopped within its first second")
-    return Recording(*head, **{name: column[:steps] for name, column in values.items()})
-
-
-@dataclass(frozen=True, eq=False)
-class Replay:
-    """A recording's frames through network and guard once more.
-
-    Rows without an estimate hold zeros, as those of the recording do.
-    """
-
-    estimated: Float32[np.ndarray, "steps outputs"]
-    """by the network [each in its sensor's unit]"""
-    command: Float[np.ndarray, " steps"]
-    """that would be asked for [the channel's unit], were the next frames the same"""
-    state: Int8[np.ndarray, " steps"]
-    """of the guard"""
-
-
-def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height width"]], Reading]) -> Replay:
-    """What network and guard answer to the frames of a recording: with the same network, the same again.
-
-    read   `OnnxEstimator.read` of the same network, or of another one to compare
-
-    Raises InputError if the network takes pictures of another size, or reads off other sensors.
-    """
-    guarded = Guarded(Scheduled(recording.controller), recording.guard)
-    estimated, state = np.zeros_like(recording.estimated), recording.state.copy()
-    command = np.zeros(len(recording))
-    for i in range(len(recording)):
-        measurement = Measurement()
-        if recording.has_frame[i]:
-            reading = read_one(read, recording.images[i])
-            if reading is not None:
-                estimated[i] = reading.forces[0]
-            reported = recording.reported[i]
-            measurement = Measurement(
-                recording.images[i],
-                reading,
-                float(recording.age[i]),
-                None if np.isnan(reported).all() else reported,
-            )
-        command[i] = guarded.step(float(recording.target[i]), measurement)
-        state[i] = STATES.index(guarded.state)
-    return Replay(estimated, command, state)
+    return Recording(path, model, controller, guard, **values)
 
 
 def checksum(model: Path) -> str:
@@ -324,36 +302,75 @@ def _write_head(file: h5py.File, guarded: Guarded, model: Path, shape: tuple[int
             group[f"{path}/{name}"] = getattr(getattr(config, path), name)
 
 
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    expected = "expected a recording of exosight"
+    with open_file(path, expected) as content, opened(content, path, "a recording of exosight") as file:
+        yield file
+
+
+def _block(config: ControllerConfig) -> int:
+    """Steps that are written at once: those of a second."""
+    return max(1, round(1 / config.period))
+
+
+def _step_bytes(wanted: dict[str, Column]) -> int:
+    """What a step takes in the file, without its image."""
+    return sum(np.dtype(column.kind).itemsize * math.prod(column.row) for column in wanted.values())
+
+
 def _controller(file: h5py.File) -> tuple[ControllerConfig, GuardConfig]:
-    group: Any = file["controller"]
+    inside = group(file, "controller")
+
+    def numbers(name: str, kind: str, shape: tuple[int | None, ...]) -> np.ndarray:
+        values = np.asarray(whole_array(inside, name, kind, shape)[()])
+        if kind == "f8" and np.any(np.abs(values) > _LARGEST):
+            raise ValueError(f"{name} holds a number beyond {_LARGEST:g} in size")
+        return values
 
     def path(name: str) -> ForcePath:
-        return ForcePath(**{part: np.asarray(group[f"{name}/{part}"][()]) for part in _ARRAYS})
+        return ForcePath(
+            u=numbers(f"{name}/u", "f8", (None,)),
+            outputs=numbers(f"{name}/outputs", "f8", (None, None)),
+            controlled=numbers(f"{name}/controlled", "f8", (None,)),
+            snapped=numbers(f"{name}/snapped", "?", (None,)),
+        )
 
     try:
-        values: dict[str, Any] = {name: str(file.attrs[name]) for name in _NAMES}
-        values |= {name: float(group[name][()]) for name in _NUMBERS}
+        values: dict[str, Any] = {name: text(file, name) for name in _NAMES}
+        values |= {name: float(numbers(name, "f8", ())) for name in _NUMBERS}
         config = ControllerConfig(
             loading=path("loading"),
             unloading=path("unloading"),
-            output_limits=np.asarray(group["output_limits"][()]),
-            schema=schema_from_dict(json.loads(str(file.attrs["schema"]))),
+            output_limits=whole_array(inside, "output_limits", "f8", (None,))[()],
+            schema=schema_from_dict(json.loads(text(file, "schema"))),
             **values,
         )
-        guard = _GUARD.validate_python(json.loads(str(file.attrs["guard"])))
-    except (InputError, ValidationError) as error:
-        raise ValueError(str(error)) from error
+        guard = _GUARD.validate_python(json.loads(text(file, "guard")))
+    except (InputError, ValidationError, RecursionError) as error:
+        fault = first_fault(error) if isinstance(error, ValidationError) else error
+        raise ValueError(str(fault)) from error
     return config, guard
 
 
-def _column(file: h5py.File, name: str, wanted: Column | None) -> np.ndarray:
-    data = file[name]
-    if not isinstance(data, h5py.Dataset) or data.external or data.is_virtual:
-        raise ValueError(f"{name} is not an array of this file")
-    if wanted is not None:
-        kind, row = wanted.kind, wanted.row
-        if data.dtype != np.dtype(kind) or data.shape[1:] != row:
-            raise ValueError(f"{name} expects {kind} {row}, got {data.dtype} {data.shape[1:]}")
-    elif data.dtype != np.uint8 or data.ndim != 3:
-        raise ValueError(f"{name} expects uint8 pictures, got {data.dtype} {data.shape}")
-    return data[()]
+def _images(file: h5py.File) -> h5py.Dataset:
+    images = array(file, "images", "u1", (None, None, None))
+    if not 0 < math.prod(images.shape[1:]) <= _LARGEST_IMAGE:
+        raise ValueError(
+            f"images expects up to {_LARGEST_IMAGE // 10**6} million pixels, got {images.shape[1:]}"
+        )
+    return images
+
+
+def _check_values(name: str, values: np.ndarray, column: Column) -> None:
+    """ValueError for what no run leaves in a column."""
+    if values.dtype.kind == "f":
+        known = np.abs(values) <= _LARGEST
+        if not (known | np.isnan(values) if math.isnan(column.missing) else known).all():
+            raise ValueError(f"{name} holds something else than numbers up to {_LARGEST:g} in size")
+    if name == "time" and np.any(np.diff(values) < 0):
+        raise ValueError("its times do not rise")
+    if name == "missed" and np.any(values < 0):
+        raise ValueError(f"missed expects at least 0, got {values.min()}")
+    if name == "state" and not np.all((values >= 0) & (values < len(STATES))):
+        raise ValueError(f"state expects 0…{len(STATES) - 1}, got {values.min()}…{values.max()}")

@@ -5,9 +5,10 @@ time it is asked, or None if there is none, and ends when no more will come.
 """
 
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -17,16 +18,13 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import DataError, InputError
-from exosight.vision.pictures import read_gray, resized
+from exosight.vision.pictures import Crop, cropped, middle_of, read_gray
 
 GIVEN_UP = 5.0
 """Time without a frame after which a camera is given up [s]; the guard has released long before."""
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 """Names of picture files end so."""
-
-Crop = tuple[int, int, int]
-"""Left edge, upper edge and width [pixels] of the part of a camera's picture that the network gets."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,21 +47,27 @@ Source = Iterator[Frame | None]
 FrameStream = Generator[Frame | None, None, None]
 """A source that is to be closed in the end."""
 
+Fit = Callable[[np.ndarray], UInt8[np.ndarray, "height width"]]
+"""From a picture as a camera gives it to the one that the network takes: `fitted`."""
+
 
 def open_source(name: str, width: int, height: int, crop: Crop | None = None) -> FrameStream:
     """The frames of a camera ("0", "1", …), a folder of pictures, or a video file.
 
-    width, height  of the pictures that the network takes [pixels]
-    crop           the part of a camera's or video's picture that it gets; by default the largest in
-                   the middle
+    One frame is read at once, so that what is wrong with the source is raised here.
 
-    Raises InputError if there is no such source, DataError if it cannot be read.
+    width, height  of the pictures that the network takes [pixels]
+    crop           the part of each picture that it gets; by default the largest in the middle, of a folder's
+                   pictures all
+
+    Raises InputError if there is no such source or the crop leaves its pictures, DataError if it cannot be
+    read.
     """
     if name.isdecimal():
         return camera(int(name), width, height, crop)
     path = Path(name)
     if path.is_dir():
-        return pictures(path, width, height)
+        return pictures(path, width, height, crop)
     if path.is_file():
         return video(path, width, height, crop)
     raise InputError(
@@ -71,36 +75,38 @@ def open_source(name: str, width: int, height: int, crop: Crop | None = None) ->
     )
 
 
-def pictures(folder: Path, width: int, height: int) -> FrameStream:
+def pictures(folder: Path, width: int, height: int, crop: Crop | None = None) -> FrameStream:
     """The pictures of a folder in the order of their names, one each time; DataError if there are none."""
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
     if not files:
         raise DataError(f"{folder}: no pictures in it; expected files that end in {', '.join(PICTURES)}")
-    # A generator of its own: what is wrong with the folder is raised at once, not at the first frame.
-    return (Frame(read_gray(path, width, height), time.monotonic()) for path in files)
+    read_gray(files[0], width, height, crop)
+    return (Frame(read_gray(path, width, height, crop), time.monotonic()) for path in files)
 
 
 def video(path: Path, width: int, height: int, crop: Crop | None = None) -> FrameStream:
     """The frames of a video file, one each time, none left out; DataError if it cannot be read."""
-    capture = _opened(str(path), f"{path}: not a video that can be read; give an MP4 or AVI file")
-    shape = round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)), round(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-    _part(shape, width, height, crop)  # refuses a crop now, not at the first frame
-    return _frames(capture, width, height, crop)
+    complaint = f"{path}: not a video that can be read; give an MP4 or AVI file"
+    capture = _opened(str(path), complaint)
+    taken, picture = capture.read()
+    if not taken:
+        raise DataError(complaint)
+    fit = partial(fitted, width=width, height=height, crop=crop, name=str(path))
+    fit(picture)
+    return _frames(capture, picture, fit)
 
 
-def _frames(capture: Any, width: int, height: int, crop: Crop | None) -> FrameStream:
+def _frames(capture: Any, picture: np.ndarray | None, fit: Fit) -> FrameStream:
     try:
-        while True:
-            taken, picture = capture.read()
-            if not taken:
-                return
-            yield Frame(fitted(picture, width, height, crop), time.monotonic())
+        while picture is not None:
+            yield Frame(fit(picture), time.monotonic())
+            _, picture = capture.read()
     finally:
         capture.release()
 
 
 def camera(number: int, width: int, height: int, crop: Crop | None = None) -> FrameStream:
-    """The newest frame of a camera, None before the first, the same again if there is no newer one.
+    """The newest frame of a camera, the same again if there is no newer one.
 
     A thread of its own empties the camera's buffer, so that no frame waits in it; the time of a frame is that
     of its arrival.
@@ -110,22 +116,20 @@ def camera(number: int, width: int, height: int, crop: Crop | None = None) -> Fr
     capture = _opened(
         number, f"camera {number}: cannot be opened; is it connected, and used by no other program?"
     )
-    shape = round(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)), round(capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-    try:
-        _part(shape, width, height, crop)
-    except InputError:
-        capture.release()
-        raise
-    return _newest(capture, number, width, height, crop)
+    fit = partial(fitted, width=width, height=height, crop=crop, name=f"camera {number}")
+    frames = _newest(capture, number, fit)
+    while next(frames) is None:
+        time.sleep(0.01)
+    return frames
 
 
-def _newest(capture: Any, number: int, width: int, height: int, crop: Crop | None) -> FrameStream:
+def _newest(capture: Any, number: int, fit: Fit) -> FrameStream:
     with _grabbing(capture) as grabbed:
         last, frame = time.monotonic(), None
         while True:
             if grabbed and (frame is None or grabbed[0][1] > frame.time):
                 picture, last = grabbed[0]
-                frame = Frame(fitted(picture, width, height, crop), last)
+                frame = Frame(fit(picture), last)
             elif time.monotonic() - last > GIVEN_UP:
                 raise DataError(f"camera {number}: no frame for {GIVEN_UP:g} s; check its cable, start again")
             yield frame
@@ -170,31 +174,16 @@ def _opened(what: str | int, complaint: str) -> Any:
     return capture
 
 
-def fitted(picture: np.ndarray, width: int, height: int, crop: Crop | None = None) -> np.ndarray:
+def fitted(picture: np.ndarray, width: int, height: int, crop: Crop | None, name: str) -> np.ndarray:
     """A camera's picture, cropped, gray and in the size that the network takes.
 
     picture  (rows, columns) gray or (rows, columns, 3) blue, green, red, 0…255
+    crop     by default the largest part in the middle
+    name     of the source, for messages
     returns  (height, width)  uint8
 
     Raises InputError if the crop leaves the picture.
     """
-    left, top, side, rows = _part(picture.shape[:2], width, height, crop)
-    part = picture[top : top + rows, left : left + side]
-    gray = cv2.cvtColor(part, cv2.COLOR_BGR2GRAY) if part.ndim == 3 else part
-    return resized(gray, width, height)
-
-
-def _part(shape: tuple[int, ...], width: int, height: int, crop: Crop | None) -> tuple[int, int, int, int]:
-    """Left, top, columns and rows of what the network gets; InputError if that leaves the picture."""
-    rows, columns = shape
-    if crop is None:
-        side = max(1, min(columns, rows * width // height))
-        crop = (columns - side) // 2, (rows - max(1, side * height // width)) // 2, side
-    left, top, side = crop
-    high = max(1, round(side * height / width))
-    if not (left >= 0 and top >= 0 and side >= 1 and left + side <= columns and top + high <= rows):
-        raise InputError(
-            f"crop: expected left, top and width of {side}×{high} pixels within the {columns}×{rows} of the "
-            f"source, got {left}, {top}, {side}"
-        )
-    return left, top, side, high
+    gray = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
+    rows, columns = gray.shape
+    return cropped(gray, width, height, crop or middle_of((rows, columns), width, height), name)

@@ -5,6 +5,7 @@ It is written last, so a folder with a manifest is a complete dataset.
 
 import hashlib
 import json
+import math
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,9 +14,9 @@ from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from exosight import __version__
-from exosight.dataset.frames import QUANTITIES
+from exosight.dataset.frames import QUANTITIES, row_shapes
 from exosight.errors import DataError, InputError
-from exosight.files import check_format, write_new_file
+from exosight.files import check_format, read_file, write_new_file
 from exosight.system.camera import Camera
 from exosight.system.design import Design
 from exosight.system.schema import Schema
@@ -173,9 +174,7 @@ def read_manifest(folder: Path) -> Manifest:
                 "go on with it: exosight generate --resume with the same options"
             )
         raise DataError(f"{folder}: not a dataset, it has no {MANIFEST}")
-    if path.stat().st_size > LARGEST_MANIFEST:
-        raise DataError(f"{path}: {path.stat().st_size} bytes, more than any manifest needs")
-    content = path.read_bytes()
+    content = read_file(path, LARGEST_MANIFEST, "expected a dataset's manifest")
     try:
         values = json.loads(content)
     except (ValueError, RecursionError) as error:
@@ -211,8 +210,16 @@ def _find_contradiction(manifest: Manifest) -> str | None:
         return "it lists no chunks"
     if len({chunk.file for chunk in manifest.chunks}) < len(manifest.chunks):
         return "it lists a chunk twice"
-    numbers = len(manifest.schema.sensors) + len(manifest.schema.channels) + manifest.dofs
-    needed = manifest.frames * (camera.height * camera.width + 8 * numbers)
+    rows = row_shapes(manifest.schema, manifest.dofs)
+    sizes = {
+        name: math.prod(rows.get(name, ())) * np.dtype(each.dtype).itemsize
+        for name, each in QUANTITIES.items()
+    }
+    numbers = sum(sizes.values()) - sizes["images"]  # all that a frame stores but for its image is not packed
+    for chunk in manifest.chunks:
+        if chunk.frames * numbers > chunk.bytes:
+            return f"{chunk.file} cannot hold {chunk.frames} frames in {chunk.bytes} bytes"
+    needed = manifest.frames * sum(sizes.values())
     if needed > LARGEST_FRAMES:
         return f"its frames take {needed / 2**30:.0f} GiB of memory, at most {LARGEST_FRAMES >> 30} are read"
     if len({design.number for design in manifest.designs}) < len(manifest.designs):

@@ -1,6 +1,7 @@
 """Frames on disk: a folder of HDF5 chunks, each written whole by one process, and a manifest written last."""
 
 import hashlib
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,12 +15,14 @@ from exosight import __version__
 from exosight.dataset.frames import QUANTITIES, Columns, Frames, find_fault, row_shapes
 from exosight.dataset.manifest import FORMAT, MANIFEST, ChunkEntry, check_size, read_manifest
 from exosight.errors import DataError, InputError
-from exosight.files import replace_file
+from exosight.files import read_file, replace_file
+from exosight.hdf5 import group, opened, whole_array
 from exosight.system.design import Design
 
 VARIATION = "variation"
 """Group of a chunk file with what was drawn for each frame, if anything varies."""
 
+_MOST_VARIATIONS = 1000
 _ANY = 127  # families or scenarios; the manifest, which is written last, says how many there are
 
 
@@ -65,7 +68,7 @@ def read_frames(folder: Path) -> Frames:
     """
     manifest = read_manifest(folder)
     rows = row_shapes(manifest.schema, manifest.dofs)
-    # Pages are touched as they are filled: a manifest that promises too much fails before it costs memory.
+    # Pages are touched as they are filled: a chunk that holds less fails before it costs memory.
     frames = Frames(
         manifest.schema,
         **{
@@ -98,10 +101,12 @@ def read_variation(folder: Path) -> Columns:
     for chunk in read_manifest(folder).chunks:
         path = folder / chunk.file
         with _opened(path, chunk) as file:
-            group = file.get(VARIATION)
-            if not isinstance(group, h5py.Group | None):
-                raise DataError(f"{path}: not a chunk of frames ({VARIATION} is not a group)")
-            part = {str(name): np.empty(chunk.frames) for name in group or ()}
+            names = sorted(map(str, group(file, VARIATION))) if file.get(VARIATION, getlink=True) else []
+            if len(names) > _MOST_VARIATIONS:
+                raise DataError(
+                    f"{path}: {len(names)} quantities vary in it, up to {_MOST_VARIATIONS} are read"
+                )
+            part = {name: np.empty(chunk.frames) for name in names}
             for name, values in part.items():
                 _fill(values, f"{VARIATION}/{name}", file)
         if parts and part.keys() != parts[0].keys():
@@ -160,28 +165,15 @@ def _read_chunk(path: Path, chunk: ChunkEntry, rows: Frames) -> None:
 def _opened(path: Path, chunk: ChunkEntry) -> Iterator[h5py.File]:
     """A chunk file, whose checksum must be right, and whatever goes wrong with what it holds as DataError."""
     check_size(path, chunk)
-    content = path.read_bytes()
+    content = read_file(path, chunk.bytes, "expected a chunk of frames")
     if hashlib.sha256(content).hexdigest() != chunk.sha256:
         raise DataError(f"{path}: altered, its checksum is not that of the manifest")
-    try:
-        with h5py.File(h5py.h5f.open_file_image(content)) as file:
-            yield file
-    except (OSError, KeyError, RuntimeError, ValueError, AttributeError) as error:
-        raise DataError(f"{path}: not a chunk of frames ({error})") from error
+    with opened(io.BytesIO(content), path, "a chunk of frames") as file:
+        yield file
 
 
 def _fill(rows: np.ndarray, name: str, file: h5py.File) -> None:
-    data = file[name]
-    if (
-        not isinstance(data, h5py.Dataset)
-        or data.external
-        or data.is_virtual
-        or data.file.filename != file.filename
-    ):
-        raise ValueError(f"{name} is not an array of this file")
-    if data.shape != rows.shape or data.dtype != rows.dtype:
-        raise ValueError(f"{name} expects {rows.dtype} {rows.shape}, got {data.dtype} {data.shape}")
-    data.read_direct(rows)
+    whole_array(file, name, rows.dtype, rows.shape).read_direct(rows)
 
 
 def _find_mislabelled(frames: Frames, chunk: ChunkEntry, designs: dict[int, Design]) -> str | None:

@@ -12,6 +12,7 @@ from exosight.lab.settings import Corruption, Disturbance, Law, Look, LoopSettin
 from exosight.lab.system import LabSystem
 from exosight.lab.views import zones_of
 from exosight.system.schema import SensorSpec
+from exosight.system.surfaces import SphereSurface
 from exosight.system.system import System
 
 _LOOK = (
@@ -89,12 +90,20 @@ def _scene(system: System) -> dict[str, Any]:
     """What stays of a drawing: tubes, zones, and the rectangle that the camera sees [mm]."""
     camera = system.camera
     links = {body.name for body in system.bodies if not hasattr(body, "strains")}
+    spheres = {each.name: each.spheres for each in system.surfaces if isinstance(each, SphereSurface)}
+    zones = zones_of(system)
+    zoned = {spheres[zone.surface].frames[i][0] for zone in zones for i in zone.spheres}
     return {
         "tubes": [
-            {"name": tube.name, "shade": tube.shade, "jointed": tube.nodes[0][0] in links}
+            {
+                "name": tube.name,
+                "shade": tube.shade,
+                "jointed": tube.nodes[0][0] in links,
+                "zoned": not zoned.isdisjoint(body for body, _ in tube.nodes),
+            }
             for tube in system.tubes
         ],
-        "zones": [zone.spec.name for zone in zones_of(system)],
+        "zones": [zone.spec.name for zone in zones],
         "centre": [1e3 * value for value in camera.centre],
         "size": [1e3 * camera.metres_per_pixel * side for side in (camera.width, camera.height)],
         "pixels": [camera.width, camera.height],

@@ -24,7 +24,7 @@ def reading_of(reading: Reading, schema: Schema) -> dict[str, Any]:
     for name in schema.controllable:
         if name not in estimates:
             estimates[name] = {"value": round(float(schema.weights(name) @ reading.forces[0]), 5)}
-    return {"estimates": estimates, "ood_score": round(float(reading.ood_score[0]), 3)}
+    return {"estimates": estimates, "ood_score": float(reading.ood_score[0])}
 
 
 def judge(image: UInt8[np.ndarray, "height width"], reading: Reading, schema: Schema) -> dict[str, str]:

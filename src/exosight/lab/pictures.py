@@ -1,17 +1,23 @@
 """Pictures of a view: as the camera takes them, and as files."""
 
 import base64
+from collections.abc import Mapping
 
 import cv2
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Float, UInt8
 
+from exosight.arrays import AnyArray
 from exosight.lab.settings import Look
+from exosight.system.camera import project
+from exosight.system.system import System
 from exosight.vision.augment import Appearance, augment
 from exosight.vision.corruptions import CORRUPTIONS, corrupt
 from exosight.vision.transforms.composition import BACKGROUND_KINDS
 from exosight.vision.transforms.foreground import OCCLUSION_KINDS
+from exosight.vision.view import transformed_points
 
+_AROUND = 24  # points on the outline of a sphere, 1 % of its radius within it
 _SPOILT: dict[str, dict[str, float]] = {
     "blur": {"blur": 2.0},
     "occlusion": {
@@ -36,6 +42,11 @@ def photograph(
 
     frame   of a sequence: decides the noise
     """
+    image = augment(clean, _appearance(look))
+    return corrupt(image, look.corruption, seed=0, first=frame) if look.corruption in CORRUPTIONS else image
+
+
+def _appearance(look: Look) -> Appearance:
     changed = {
         "shift_x": look.shift_x,
         "shift_y": look.shift_y,
@@ -44,8 +55,27 @@ def photograph(
         "tilt_y": look.tilt,
         **_SPOILT.get(look.corruption, {}),
     }
-    image = augment(clean, Appearance.neutral(1, **changed))
-    return corrupt(image, look.corruption, seed=0, first=frame) if look.corruption in CORRUPTIONS else image
+    return Appearance.neutral(1, **changed)
+
+
+def tubes_outside(
+    look: Look, system: System, axes: Mapping[str, Float[AnyArray, "nodes 3"]]
+) -> tuple[str, ...]:
+    """Names of the tubes that reach beyond the image of the view's camera, by more than half a pixel.
+
+    axes   of the tubes, by name [m]
+    """
+    camera, columns = system.camera, _appearance(look).columns
+    angle = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
+    circle = np.stack([np.cos(angle), np.zeros(_AROUND), np.sin(angle)], axis=-1)
+    outside = []
+    for tube in system.tubes:
+        edge = np.asarray(axes[tube.name])[:, None] + np.asarray(tube.radius)[:, None, None] * circle
+        points = project(camera, edge.reshape(-1, 3))[None]
+        place = transformed_points(columns, points, camera.width, camera.height)[0]
+        if np.any(place < -0.5) or np.any(place > (camera.width + 0.5, camera.height + 0.5)):
+            outside.append(tube.name)
+    return tuple(outside)
 
 
 def png_of(image: UInt8[np.ndarray, "height width"]) -> bytes:

@@ -209,10 +209,17 @@ class CachedSystem:
         """The coordinates at the end of a drive, if there is little to solve for them."""
         if not drive:
             return None if self._rest is None else self._rest[0]
+        return self._solve(drive)[0] if self._has(drive) else None
+
+    def _has(self, drive: Drive) -> bool:
+        """Whether all places up to the end of a drive with moves are solved."""
         branch = self._branches.get(_key(drive))
-        if branch is None or len(branch.solved) < branch.until(drive[-1][1]):
-            return None
-        return self._solve(drive)[0]
+        return branch is not None and len(branch.solved) >= branch.until(drive[-1][1])
+
+    def is_near(self, drive: Sequence[Move]) -> bool:
+        """Whether no more than the last move of a drive remains to be solved; waits for no other thread."""
+        before = turning_points(drive)[:-1]
+        return not before or self._has(before)
 
 
 def _key(drive: Drive) -> tuple[Drive, int, bool]:
@@ -245,6 +252,10 @@ class PoseCache:
     def __init__(self) -> None:
         self._systems: OrderedDict[str, CachedSystem] = OrderedDict()
         self._lock = Lock()
+
+    def known(self, key: str) -> CachedSystem | None:
+        """The system of a key if it is remembered; waits for no other thread."""
+        return self._systems.get(key)
 
     def get(self, key: str, make: Callable[[], CachedSystem]) -> CachedSystem:
         """The system of a key, with all that is known of it."""

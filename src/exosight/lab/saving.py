@@ -1,9 +1,10 @@
 """A view as files."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pydantic
 
 from exosight.files import as_csv, write_new_file
@@ -26,6 +27,24 @@ def readings_csv(seen: Seen, lab: LabSystem) -> str:
     return as_csv(header, rows)
 
 
+def pose_csv(seen: Seen) -> str:
+    """Centreline and radius of every tube, a row a node, from its base to its tip; positions in the world."""
+    rows: list[Sequence[Any]] = []
+    for tube in seen.system.tubes:
+        axis, radius = seen.observation.axes[tube.name], np.asarray(tube.radius)
+        for node, (place, size) in enumerate(zip(axis.tolist(), radius.tolist(), strict=True)):
+            rows.append((tube.name, node, *place, size))
+    return as_csv(("tube", "node", "x [m]", "y [m]", "z [m]", "radius [m]"), rows)
+
+
+VIEW_FILES: dict[str, Callable[[Seen, LabSystem], bytes]] = {
+    "picture.png": lambda seen, lab: png_of(seen.image),
+    "pose.csv": lambda seen, lab: pose_csv(seen).encode(),
+    "readings.csv": lambda seen, lab: readings_csv(seen, lab).encode(),
+}
+"""What can be saved of a view, by the name of the file."""
+
+
 def path_csv(path: dict[str, Any], lab: LabSystem) -> str:
     """A sensor while a channel is driven to its peak and back, a row a command."""
     channel, sensor = lab.grids[lab.channel(path["channel"])].channel, lab.sensor(path["sensor"])
@@ -35,11 +54,11 @@ def path_csv(path: dict[str, Any], lab: LabSystem) -> str:
 
 
 def write_view(view: View, lab: LabSystem, folder: Path) -> None:
-    """Write picture, readings, path and settings of a view into an empty folder."""
+    """Write picture, pose, readings, path and settings of a view into an empty folder."""
     seen = see(view, lab)
     settings = PathSettings(view)
     path = path_answer(settings, path_of(settings, lab), lab.cached(view), lab)
-    write_new_file(folder / "picture.png", png_of(seen.image))
-    write_new_file(folder / "readings.csv", readings_csv(seen, lab).encode())
+    for name, content in VIEW_FILES.items():
+        write_new_file(folder / name, content(seen, lab))
     write_new_file(folder / "path.csv", path_csv(path, lab).encode())
     write_new_file(folder / "view.json", pydantic.TypeAdapter(View).dump_json(view, indent=1) + b"\n")

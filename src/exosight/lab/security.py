@@ -3,7 +3,8 @@
 host      must be the one that is served: a page elsewhere whose name is made to point here (DNS rebinding)
           still sends its own
 origin    of whatever sends must be this page
-token     if there is one, in the address first, then in a cookie that scripts cannot read
+token     if there is one, in the address first, then in a cookie that scripts cannot read; connections on
+          which it was shown have places of their own (`connections`)
 body      no longer than allowed, and no slower
 answers   nothing from elsewhere may run in the page, and nobody may frame it (content security policy)
 """
@@ -67,20 +68,23 @@ class SecurityMiddleware:
                 421, "host: this address is not served here; open the one that exosight lab printed"
             )
         origin = headers.get("origin")
-        if origin is not None and origin != f"{request.url.scheme}://{headers.get('host')}":
+        if origin is not None and origin != f"{request.scope['scheme']}://{headers.get('host')}":
             return _refuse(403, "origin: requests from other pages are refused")
         if (
             headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none")
             and request.method != "GET"
         ):
             return _refuse(403, "origin: requests from other pages are refused")
-        if self._token is None or self._same(request.cookies.get(_COOKIE, "")):
-            return None
-        if self._same(request.query_params.get("token", "")):
+        welcome = None
+        if self._token is not None and not self._same(request.cookies.get(_COOKIE, "")):
+            if not self._same(request.query_params.get("token", "")):
+                return _refuse(401, "token: missing or wrong; open the address that exosight lab printed")
             welcome = RedirectResponse("/", status_code=303)
             welcome.set_cookie(_COOKIE, self._token, httponly=True, samesite="strict")
-            return welcome
-        return _refuse(401, "token: missing or wrong; open the address that exosight lab printed")
+        authorise = request.scope.get("state", {}).get("authorise")
+        if authorise is not None and not authorise():
+            return _refuse(503, "lab: too many connections; close pages, or try again in some minutes")
+        return welcome
 
     def _same(self, given: str) -> bool:
         return self._token is not None and secrets.compare_digest(given.encode(), self._token.encode())
@@ -107,13 +111,16 @@ async def read_body(request: Request, largest: int, kind: str | None = None) -> 
     """
     if kind is not None and request.headers.get("content-type", "").partition(";")[0].strip() != kind:
         raise HTTPException(415, f"request: expected the content type {kind}")
+    too_large = HTTPException(413, f"request: expected at most {_size(largest)}; send less")
+    if int(request.headers.get("content-length", 0)) > largest:
+        raise too_large
     body = bytearray()
     try:
         async with asyncio.timeout(_SECONDS):
             async for part in request.stream():
                 body += part
                 if len(body) > largest:
-                    raise HTTPException(413, f"request: expected at most {_size(largest)}; send less")
+                    raise too_large
     except TimeoutError:
         raise HTTPException(408, f"request: not there within {_SECONDS:g} s; send it again") from None
     return bytes(body)

@@ -1,4 +1,4 @@
-"""The addresses of the lab. Every answer follows from its request alone; work is done in two threads.
+"""The addresses of the lab. Every answer follows from its request alone; work is done in threads (`jobs`).
 
 Starlette and Uvicorn: parsing HTTP from strangers is no place for code of one's own. A WebSocket would keep a
 session, of which there are none: a page has at most one view on its way, so that none is ever out of date.
@@ -8,27 +8,28 @@ import asyncio
 import json
 import secrets
 import socket
-import threading
-from collections.abc import AsyncIterator, Callable
+import traceback
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from exosight.errors import ExosightError, InputError
-from exosight.lab.closed_loop import Step, Stopped, run_trial
+from exosight.lab.connections import BACKLOG, IDLE, LimitedConnection
 from exosight.lab.controls import about
-from exosight.lab.pictures import png_of
-from exosight.lab.saving import path_csv, readings_csv
+from exosight.lab.jobs import JobQueue
+from exosight.lab.run_stream import BUG, RunResponse
+from exosight.lab.saving import VIEW_FILES, path_csv
 from exosight.lab.security import LOOPBACK, SecurityMiddleware, read_body
 from exosight.lab.settings import LoopSettings, PathSettings, Settings, View, read_settings
 from exosight.lab.system import LabSystem
@@ -36,33 +37,38 @@ from exosight.lab.uploads import LARGEST_UPLOAD, estimate
 from exosight.lab.views import answer, path_answer, path_of, see
 
 _LARGEST_SETTINGS = 64 * 2**10  # bytes
-_CONNECTIONS = 512  # at a time; a browser opens up to six a page
+_UPLOADS = 8
 _KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-
-P = ParamSpec("P")
-R = TypeVar("R")
 
 
 @dataclass
 class _Work:
     """What the addresses share.
 
-    slots   views worked out at a time
-    runs    closed loops at a time
+    light    views of which little is to be solved, which wait for nothing else
+    heavy    other views, paths and pictures
+    runs     of the closed loop
+    uploads  pictures that are in memory, at most
+    ready    once all is compiled
     """
 
-    slots: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(2))
-    runs: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
-    ready: "asyncio.Task[None] | None" = None
+    light: JobQueue = field(default_factory=lambda: JobQueue("views", threads=1))
+    heavy: JobQueue = field(default_factory=lambda: JobQueue("lab", threads=2))
+    runs: JobQueue = field(default_factory=lambda: JobQueue("closed loop", threads=1))
+    uploads: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(_UPLOADS))
+    ready: "asyncio.Future[None] | None" = None
 
-    async def do(self, request: Request, job: Callable[P, R], *args: P.args, **kwargs: P.kwargs) -> R:
-        """Do a job in a thread once all is compiled, unless whoever asked has gone meanwhile."""
+    async def queue(self, kind: JobQueue) -> JobQueue:
+        """A queue, once all is compiled; HTTPException 503 if it is full."""
         assert self.ready is not None
         await asyncio.shield(self.ready)
-        async with self.slots:
-            if await request.is_disconnected():
-                raise ClientDisconnect
-            return await asyncio.to_thread(job, *args, **kwargs)
+        kind.check()
+        return kind
+
+    def close(self) -> None:
+        """Begin no other job."""
+        for queue in (self.light, self.heavy, self.runs):
+            queue.close()
 
 
 def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token: str | None) -> Starlette:
@@ -77,8 +83,9 @@ def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
-        work.ready = asyncio.create_task(asyncio.to_thread(_warm_up, lab, start))
+        work.ready = work.light.submit(_warm_up, lab, start)
         yield
+        work.close()
 
     async def page(request: Request) -> Response:
         name = request.path_params.get("name", "index.html")
@@ -91,40 +98,42 @@ def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token
 
     async def view(request: Request) -> Response:
         settings = await _settings(request, View, lab)
-        return _json(await work.do(request, _answer, settings, lab))
+        queue = await work.queue(work.light if lab.is_light(settings) else work.heavy)
+        return _json(await queue.do(request, _answer, settings, lab))
 
     async def path(request: Request) -> Response:
         return _json(await _path(request, await _settings(request, PathSettings, lab)))
 
     async def _path(request: Request, settings: PathSettings) -> dict[str, Any]:
-        cached, asked = lab.cached(settings.view), path_of(settings, lab)
+        queue = await work.queue(work.heavy)
+        cached, asked = await queue.do(request, lab.cached, settings.view), path_of(settings, lab)
         for drive in asked.parts():  # other requests come in between
-            await work.do(request, cached.at, drive)
-        return await work.do(request, path_answer, settings, asked, cached, lab)
+            await queue.do(request, cached.at, drive)
+        return await queue.do(request, path_answer, settings, asked, cached, lab)
 
     async def save(request: Request) -> Response:
         name = request.path_params["name"]
         if name == "path.csv":
             found = await _path(request, await _settings(request, PathSettings, lab))
             return _file(path_csv(found, lab).encode(), name)
-        seen = await work.do(request, see, await _settings(request, View, lab), lab)
-        if name == "readings.csv":
-            return _file(readings_csv(seen, lab).encode(), name)
-        if name == "picture.png":
-            return _file(png_of(seen.image), name)
-        raise HTTPException(404, "save: expected picture.png, readings.csv or path.csv")
+        if name not in VIEW_FILES:
+            raise HTTPException(404, f"save: expected {', '.join(VIEW_FILES)} or path.csv")
+        settings = await _settings(request, View, lab)
+        queue = await work.queue(work.light if lab.is_light(settings) else work.heavy)
+        seen = await queue.do(request, see, settings, lab)
+        return _file(VIEW_FILES[name](seen, lab), name)
 
     async def picture(request: Request) -> Response:
-        data = await read_body(request, LARGEST_UPLOAD)
-        return _json(await work.do(request, estimate, data, lab.network))
+        queue = await work.queue(work.heavy)
+        async with work.uploads:
+            data = await read_body(request, LARGEST_UPLOAD)
+            return _json(await queue.do(request, estimate, data, lab.network))
 
     async def trial(request: Request) -> Response:
         settings = await _settings(request, LoopSettings, lab)
-        assert work.ready is not None
-        await asyncio.shield(work.ready)
-        return StreamingResponse(_lines(settings, lab, work.runs), media_type="application/x-ndjson")
+        return RunResponse(settings, lab, await work.queue(work.runs))
 
-    return Starlette(
+    app = Starlette(
         routes=[
             Route("/", page),
             Route("/api/about", describe),
@@ -144,6 +153,8 @@ def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token
         },
         lifespan=lifespan,
     )
+    app.router.redirect_slashes = False
+    return app
 
 
 def _warm_up(lab: LabSystem, start: View) -> None:
@@ -163,45 +174,6 @@ def _answer(settings: View, lab: LabSystem) -> dict[str, Any]:
     return answer(settings, see(settings, lab), lab)
 
 
-async def _lines(settings: LoopSettings, lab: LabSystem, runs: asyncio.Semaphore) -> AsyncIterator[bytes]:
-    """The steps of a run, a line of JSON each; a line with `error` ends it early."""
-    steps: asyncio.Queue[Step | None] = asyncio.Queue()
-    loop, gone = asyncio.get_running_loop(), threading.Event()
-
-    def tell(step: Step | None) -> None:
-        if gone.is_set():
-            raise Stopped
-        loop.call_soon_threadsafe(steps.put_nowait, step)
-
-    def job() -> None:
-        try:
-            try:
-                run_trial(settings, lab, tell)
-            except ExosightError as error:
-                tell({"error": str(error)})
-            except Stopped:
-                return
-            except Exception:
-                tell({"error": _BUG})
-                raise
-            finally:
-                tell(None)
-        except Stopped:
-            pass
-
-    async with runs:
-        task = asyncio.create_task(asyncio.to_thread(job))
-        try:
-            while (step := await steps.get()) is not None:
-                yield json.dumps(step, allow_nan=False).encode() + b"\n"
-            await task
-        finally:
-            gone.set()
-
-
-_BUG = "a bug in exosight; please report it with what the terminal says"
-
-
 async def _wrong(_: Request, error: Exception) -> Response:
     return JSONResponse({"error": str(error)}, 400)
 
@@ -218,7 +190,8 @@ async def _gone(_: Request, error: Exception) -> Response:
 
 
 async def _bug(_: Request, error: Exception) -> Response:
-    return JSONResponse({"error": _BUG}, 500)
+    traceback.print_exception(error)
+    return JSONResponse({"error": BUG}, 500)
 
 
 def _json(values: Any) -> Response:
@@ -277,17 +250,18 @@ def access(host: str) -> tuple[frozenset[str] | None, str | None]:
 
 
 def server_of(app: Starlette) -> uvicorn.Server:
-    """Uvicorn, quiet and within limits; `run(sockets=[…])` serves until it is stopped."""
+    """Uvicorn, quiet and within limits; `run(sockets=[…])` serves until stopped, then cancels requests."""
     return uvicorn.Server(
         uvicorn.Config(
             app,
-            http="h11",
+            http=LimitedConnection,
             ws="none",
             lifespan="on",
-            log_level="error",
+            log_level="critical",  # `_bug` prints what else it would; that requests are cancelled is no error
             access_log=False,
             server_header=False,
-            limit_concurrency=_CONNECTIONS,
-            timeout_graceful_shutdown=2,
+            backlog=BACKLOG,
+            timeout_keep_alive=IDLE,
+            timeout_graceful_shutdown=0,
         )
     )

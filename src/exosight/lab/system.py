@@ -104,6 +104,11 @@ class LabSystem:
         values = self.controls.complete(view.design)
         return self.poses.get(key_of(values), lambda: CachedSystem(self.controls.build(values), self.grids))
 
+    def is_light(self, view: View) -> bool:
+        """Whether little is to be solved for a view: a move of a design that is remembered."""
+        cached = self.poses.known(key_of(self.controls.complete(view.design)))
+        return cached is not None and cached.is_near(self.moves(view))
+
     def command(self, view: View) -> str:
         """The command that opens the page with this view; with `--out FOLDER` it writes the view's files."""
         words = ["exosight", "lab"]

@@ -12,7 +12,7 @@ from jaxtyping import Float, UInt8
 from exosight.control.estimator import Reading
 from exosight.dataset.simulation import causes, first_cause
 from exosight.lab.estimates import judge, reading_of
-from exosight.lab.pictures import photograph, png_text
+from exosight.lab.pictures import photograph, png_text, tubes_outside
 from exosight.lab.pose_cache import STRIDE, CachedSystem, Move, Rest, round125
 from exosight.lab.settings import PathSettings, View
 from exosight.lab.system import LabSystem
@@ -29,13 +29,15 @@ _PART = 16  # steps of a path that are solved in one go
 class Seen:
     """All that one view shows.
 
+    system       of the view's design
     rest         the equilibrium, and a shortest drive to it
     observation  of it, without batch dimensions
     image        (height, width)   gray 0…255
     reading      what the network reads off the image, one row; None where it cannot read this system
-    notes        why datasets would drop the frame, if they would
+    notes        why datasets would drop the frame, if they would, and what the camera does not see
     """
 
+    system: System
     rest: Rest
     observation: Observation
     image: UInt8[np.ndarray, "height width"]
@@ -51,7 +53,8 @@ def see(view: View, lab: LabSystem) -> Seen:
     axes = {name: axis[None] for name, axis in observation.axes.items()}
     image = photograph(view.look, picture(cached.system, axes))
     reading = lab.network.read(image) if lab.refusal is None else None
-    return Seen(rest, observation, image[0], reading, _notes(lab, cached.system, rest, observation))
+    notes = _notes(lab, cached.system, rest, observation) + _outside(view, cached.system, observation)
+    return Seen(cached.system, rest, observation, image[0], reading, notes)
 
 
 def observe_one(stacked: System, q: Float[np.ndarray, " dofs"]) -> Observation:
@@ -77,6 +80,14 @@ def _notes(lab: LabSystem, system: System, rest: Rest, observation: Observation)
     return (_NOTES.get(name, f"{name.replace('_', ' ')}; datasets drop such frames"),)
 
 
+def _outside(view: View, system: System, observation: Observation) -> tuple[str, ...]:
+    """Which tubes reach beyond the camera image, in words."""
+    names = tubes_outside(view.look, system, observation.axes)
+    if not names:
+        return ()
+    return (f"partly outside the camera image: {', '.join(names)}; the network reads only what is inside",)
+
+
 def answer(view: View, seen: Seen, lab: LabSystem) -> dict[str, Any]:
     """A view as JSON values: millimetres, sensors and commands in their units."""
     reading = seen.reading
@@ -85,7 +96,7 @@ def answer(view: View, seen: Seen, lab: LabSystem) -> dict[str, Any]:
     return {
         "drive": stops,
         "notes": seen.notes,
-        "scene": scene_of(lab.cached(view).system, seen.observation),
+        "scene": scene_of(seen.system, seen.observation),
         "image": png_text(seen.image),
         "readings": readings_of(seen.observation, lab),
         "reading": None if reading is None else reading_of(reading, schema),

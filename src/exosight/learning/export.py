@@ -21,15 +21,11 @@ from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
 from exosight.learning.contact import contact_shift
 from exosight.learning.intervals import Widths, calibrate_intervals
 from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, open_session, seal
+from exosight.learning.model_graph import FILE_FORMAT, OPERATOR_SET
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.networks import SensorModel, answer_slices, answers
 from exosight.learning.ood import OodDetector, batches, fit_ood_detector
 from exosight.learning.outputs import nonnegative
-
-# Operator set 18 with file format 8, both of ONNX 1.13 (2022): the oldest that PyTorch writes, so that
-# MATLAB's importNetworkFromONNX and other readers that lag behind can follow.
-_OPERATOR_SET = 18
-_FILE_FORMAT = 8
 
 _TOLERANCE = 1e-5
 """Float32 keeps seven digits and a forward pass sums a few hundred terms; measured: about 5e-7."""
@@ -143,7 +139,7 @@ def _convert(model: nn.Module, card: ModelCard) -> onnx.ModelProto:
             input_names=list(card.inputs),
             output_names=list(OUTPUTS),
             dynamic_shapes={name: {0: batch} for name in card.inputs},
-            opset_version=_OPERATOR_SET,
+            opset_version=OPERATOR_SET,
             external_data=False,
             verbose=False,
         )
@@ -158,8 +154,8 @@ def _convert(model: nn.Module, card: ModelCard) -> onnx.ModelProto:
     )
     proto = onnx.helper.make_model(
         clean,
-        ir_version=_FILE_FORMAT,
-        opset_imports=[onnx.helper.make_opsetid("", _OPERATOR_SET)],
+        ir_version=FILE_FORMAT,
+        opset_imports=[onnx.helper.make_opsetid("", OPERATOR_SET)],
         producer_name="exosight",
         producer_version=exosight.__version__,
     )

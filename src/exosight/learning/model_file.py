@@ -1,22 +1,26 @@
 """The ONNX file of an estimator: what its metadata say, its seal, and opening it; usable without PyTorch.
 
 The seal is one more metadata entry at the very end of the file, a SHA-256 of all bytes before it. Protocol
-buffers may be continued by appending, so any ONNX reader sees an ordinary model.
+buffers may be continued by appending, so any ONNX reader sees an ordinary model. It tells damage, not trust:
+whoever changes a file can seal it again, so all that is in it is checked before it is used.
 """
 
 import hashlib
 import json
 import os
 from dataclasses import asdict, dataclass, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
 import pydantic
+import pydantic_core
 
 from exosight.errors import DataError, InputError
 from exosight.learning.config import LONGEST_HISTORY
-from exosight.learning.intervals import Widths
+from exosight.learning.intervals import LEVELS, Widths
 from exosight.system.schema import Channel, Schema, network_difference, schema_to_dict
+from exosight.validation import first_fault
 
 # ModelProto.metadata_props (field 14, 74 bytes) = {key (field 1): "sha256", value (field 2): 64 hex digits}
 _SEAL_START = b"\x72\x4a\x0a\x06sha256\x12\x40"
@@ -27,32 +31,63 @@ OUTPUTS = ("forces", "expected_error", "contact", "ood_score")
 each, probability of contact; and one number an image, its OOD score."""
 
 
+BATCH = 64
+"""Images that a network answers at once: at 128×128 the paper network's first layer then holds 260 MB."""
+
+Text = Annotated[str, pydantic.Field(max_length=10_000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
+Count = Annotated[int, pydantic.Field(ge=0, lt=2**63)]
+_WIDEST = 1e9  # expected errors
+_LARGEST_CARD = 2**20  # letters; of 1024 sensors it has a third of it
+
+
 @dataclass(frozen=True)
 class ModelCard:
-    """What travels with a network for its whole life, one metadata entry a field."""
+    """What travels with a network for its whole life, one metadata entry a field.
 
-    exosight_version: str
-    network: str
-    seed: int
+    Raises ValueError if its widths are not rising numbers, a row a level, for the sensors that its schema
+    estimates.
+    """
+
+    exosight_version: Text
+    network: Text
+    seed: Count
     schema: Schema
     """of the system: its estimated sensors are the outputs, its first camera gives the image size"""
-    input: str
-    epoch: int
+    input: Text
+    epoch: Count
     """of the training, the one with the lowest validation loss"""
-    validation_l1: float
+    validation_l1: Annotated[Finite, pydantic.Field(ge=0)]
     """mean absolute error on the validation part [the outputs' unit]"""
-    training: dict[str, str | int | float | bool]
+    training: dict[Text, Text | int | Finite | bool]
     """the settings of the training run"""
-    data: dict[str, str | int | float]
+    data: dict[Text, Text | int | Finite]
     """identity of the frames learned from, camera included"""
     widths: Widths
     """of the intervals around its estimates"""
-    ood_limit: float
+    ood_limit: Annotated[float, pydantic.Field(ge=1e-3, le=1e6)]
     """score beyond which an image is out of distribution"""
     history: Annotated[int, pydantic.Field(ge=0, le=LONGEST_HISTORY)] = 0
     """earlier images that are inputs beside the one it reads, as further channels, the newest first"""
     actuation: bool = False
     """whether it has a second input, the commands of all channels"""
+
+    def __post_init__(self) -> None:
+        outputs = len(self.schema.outputs)
+        if not outputs:
+            raise ValueError("schema: expected a sensor to estimate, got none")
+        for kind in ("estimated_zero", "estimated_force"):
+            rows = getattr(self.widths, kind)
+            if [len(row) for row in rows] != [outputs] * len(LEVELS):
+                raise ValueError(f"widths.{kind}: expected {len(LEVELS)} rows of {outputs} numbers")
+            if not all(
+                0 <= a <= b <= _WIDEST
+                for low, high in pairwise((rows[0], *rows))
+                for a, b in zip(low, high, strict=True)
+            ):
+                raise ValueError(
+                    f"widths.{kind}: expected numbers from 0 to {_WIDEST:g} that rise with the level"
+                )
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -130,45 +165,54 @@ def read_model(path: Path) -> bytes:
 def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
     """Open a serialised model; `name` is what an error calls it.
 
-    Raises DataError if ONNX Runtime refuses the model, if weights lie in another file, or if the card is not
-    that of an estimator.
+    Raises DataError if the card is not that of an estimator, if the graph holds anything else than what the
+    exporter writes, or if ONNX Runtime refuses it; card and graph are checked before it sees them.
     """
+    from exosight.learning.model_graph import check_graph, read_graph
+
     # Set before the import: on Linux it writes a device id to disk, and can report usage.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime
 
+    model = read_graph(data, name)
+    card = _read_card({entry.key: entry.value for entry in model.metadata_props}, name)
+    one = [len(card.schema.outputs)]
+    check_graph(model, card.inputs, dict(zip(OUTPUTS, (one, one, one, []), strict=True)), len(data), name)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 4  # it would print what is raised below
-    # A model may name files that hold its weights: look for them where no file can be.
-    options.add_session_config_entry("session.model_external_initializers_file_folder_path", os.devnull)
     try:
-        session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"]), card
     except Exception as error:  # its exceptions share no base of their own
         raise DataError(f"{name}: ONNX Runtime cannot use this model ({str(error)[:200]})") from error
-    texts = session.get_modelmeta().custom_metadata_map
+
+
+def _read_card(texts: dict[str, str], name: str) -> ModelCard:
+    """The card in a model's metadata, checked to the last field."""
     if "contacts" in texts and "schema" not in texts:
         raise DataError(
             f"{name}: written by an earlier exosight, its card has no schema; make it again: exosight "
             "generate, then exosight train"
         )
+    if sum(map(len, texts.values())) > _LARGEST_CARD:
+        raise DataError(f"{name}: its card has more than {_LARGEST_CARD >> 20} MiB; export it again")
+    named = {field.name for field in fields(ModelCard)} & texts.keys()
     try:
-        named = {field.name for field in fields(ModelCard)} & texts.keys()
-        card = _CARD.validate_python({name: _value(name, texts) for name in named})
+        return _CARD.validate_python({entry: _value(entry, texts) for entry in named})
+    except pydantic.ValidationError as error:
+        fault = first_fault(error)
     except ValueError as error:
-        raise DataError(f"{name}: not an estimator of this version of exosight; export it again") from error
-    inputs = [(node.name, node.type, node.shape[1:]) for node in session.get_inputs()]
-    outputs = [(node.name, node.type, node.shape[1:]) for node in session.get_outputs()]
-    shapes = ([len(card.schema.outputs)],) * 3 + ([],)
-    wanted = [(name, "tensor(float)", shape) for name, shape in zip(OUTPUTS, shapes, strict=True)]
-    if inputs != [(name, "tensor(float)", shape) for name, shape in card.inputs.items()] or outputs != wanted:
-        raise DataError(
-            f"{name}: inputs {inputs} and outputs {outputs} do not fit its metadata; export it again"
-        )
-    return session, card
+        fault = str(error)
+    raise DataError(
+        f"{name}: not an estimator of this version of exosight, its card says {fault}; export it again"
+    )
 
 
 def _value(name: str, texts: dict[str, str]) -> object:
-    is_text = ModelCard.__annotations__[name] is str
-    return texts[name] if is_text else json.loads(texts[name])
+    if ModelCard.__annotations__[name] is Text:
+        return texts[name]
+    try:
+        return pydantic_core.from_json(texts[name], allow_inf_nan=False)
+    except ValueError as error:
+        raise ValueError(f"{name}: not JSON ({error})") from None

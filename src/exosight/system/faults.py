@@ -72,10 +72,10 @@ def sentence(error: ValidationError) -> str:
     elif fault["type"] == "missing" and place[0] in TABLES and len(place) == 1:
         text = f"{place[0]}: expected at least one table [{place[0]}.NAME], got none"
     else:
-        text = " ".join(fault_sentence(_with_unit(fault)).split())
+        text = fault_sentence(_with_unit(fault))
         for theirs, ours in _WORDS:
             text = text.replace(theirs, ours)
-    return printable(_TAGS.sub("", text))
+    return _TAGS.sub("", text)
 
 
 def _with_unit(fault: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -100,8 +100,3 @@ def _unknown_entry(place: tuple[str, ...]) -> str:
     close = difflib.get_close_matches(name, known, 1)
     hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(known)}"
     return f"{'.'.join(place)[:200]}: there is no such entry; {hint}"
-
-
-def printable(text: str) -> str:
-    """Text of a file as a terminal may show it: control characters are written out."""
-    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)

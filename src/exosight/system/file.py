@@ -10,8 +10,9 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from exosight.errors import DataError, InputError
+from exosight.files import read_file
 from exosight.system.description import Description
-from exosight.system.faults import printable, sentence
+from exosight.system.faults import sentence
 
 LARGEST_FILE = 256 * 2**10  # [bytes]; a hand of twenty bodies takes 10 KiB
 DEEPEST = 32
@@ -21,7 +22,7 @@ MOST_DOTS = 1000
 
 Values = dict[str, Any]
 
-_START = "; exosight system new makes a file to start from"
+_START = "exosight system new makes a file to start from"
 
 _ADAPTER = TypeAdapter(Description)
 
@@ -41,9 +42,9 @@ def read_system_file(path: Path) -> Values:
     except RecursionError:
         raise DataError(f"{path}: not TOML (nested too deeply)") from None
     except ValueError as error:  # a number of more than 4300 digits is none that tomllib catches
-        raise DataError(f"{path}: not TOML ({printable(str(error))})") from None
+        raise DataError(f"{path}: not TOML ({error})") from None
     if not values:
-        raise DataError(f"{path}: it has no entries{_START}")
+        raise DataError(f"{path}: it has no entries; {_START}")
     _check_plain(path, values)
     for name, rod in _tables(values, "rods"):
         radius = rod.get("radius")
@@ -90,41 +91,28 @@ def _inside(at: Any, step: str, entry: str) -> Any:
     raise InputError(f"{entry}: there is no such entry in the file; write it there first")
 
 
-def _read_text(path: Path, remedy: str = "") -> str:
+def _read_text(path: Path, remedy: str = "expected a text file") -> str:
     try:
-        if not path.exists():
-            raise DataError(f"{path}: no such file{remedy}")
-        if not path.is_file():
-            raise DataError(f"{path}: no file but a folder, a device or a pipe")
-        with path.open("rb") as file:
-            content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise DataError(f"{path}: more than {LARGEST_FILE >> 10} KiB")
-        return content.decode("utf-8-sig")  # Windows' editors and spreadsheets begin with a mark
+        # Windows' editors and spreadsheets begin with a mark.
+        return read_file(path, LARGEST_FILE, remedy).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise DataError(f"{path}: not UTF-8 text") from None
-    except DataError:
-        raise
-    except (OSError, ValueError) as error:
-        raise DataError(f"{path}: cannot be read ({error})") from None
 
 
 def _check_plain(path: Path, values: Any, place: str = "", depth: int = 0) -> None:
     """InputError for NaN, infinity, dates and deep nesting: JSON must be able to carry it all."""
     if depth > DEEPEST:
-        raise InputError(f"{path}: {printable(place[:60])}…: nested too deeply")
+        raise InputError(f"{path}: {place[:60]}…: nested too deeply")
     if isinstance(values, dict | list):
         entries = values.items() if isinstance(values, dict) else enumerate(values)
         for key, value in entries:
             _check_plain(path, value, f"{place}.{key}" if place else str(key), depth + 1)
     elif isinstance(values, float) and not math.isfinite(values):
-        raise InputError(f"{path}: {printable(place)}: expected a finite number, got {values}")
+        raise InputError(f"{path}: {place}: expected a finite number, got {values}")
     elif isinstance(values, int) and abs(values) > LARGEST_INTEGER:
-        raise InputError(
-            f"{path}: {printable(place)}: expected a number below 2^53 in size, got a larger one"
-        )
+        raise InputError(f"{path}: {place}: expected a number below 2^53 in size, got a larger one")
     elif not isinstance(values, str | int | float):
-        raise InputError(f"{path}: {printable(place)}: expected text or a number, got {values}")
+        raise InputError(f"{path}: {place}: expected text or a number, got {values}")
 
 
 def _tables(values: Values, kind: str) -> list[tuple[str, Values]]:
@@ -136,7 +124,7 @@ def _tables(values: Values, kind: str) -> list[tuple[str, Values]]:
 
 def _read_profile(path: Path, place: str, name: str) -> tuple[list[float], list[float]]:
     """Places and radii of a CSV file beside the system file; a first row of words is a heading."""
-    where = f"{path}: {place}: {printable(name)}"
+    where = f"{path}: {place}: {name}"
     folder = path.parent.resolve()
     try:
         inside = "\0" not in name and (folder / name).resolve().is_relative_to(folder)
@@ -144,8 +132,7 @@ def _read_profile(path: Path, place: str, name: str) -> tuple[list[float], list[
         inside = False
     if not inside:
         raise InputError(
-            f"{path}: {place}: expected the name of a file in the system file's folder, got "
-            f"{printable(name)!r}"
+            f"{path}: {place}: expected the name of a file in the system file's folder, got {name!r}"
         )
     try:
         rows = list(csv.reader(_read_text(path.parent / name).splitlines()))
@@ -160,7 +147,7 @@ def _read_profile(path: Path, place: str, name: str) -> tuple[list[float], list[
         if len(row) != 2 or not all(map(_is_number, row)):
             raise InputError(
                 f"{where}, row {number}: expected X and radius, two finite numbers with a comma between, "
-                f"got {printable(','.join(row)[:40])!r}"
+                f"got {','.join(row)[:40]!r}"
             )
         x, radius = float(row[0]), float(row[1])
         if not (0 <= x <= 1 and radius > 0 and (x > points[-1][0] if points else x == 0)):

@@ -1,57 +1,125 @@
-"""Pictures in files: read as gray, in the size that is wanted."""
+"""Pictures of unknown origin: read as gray, in the size that is wanted."""
 
+import ctypes
+import io
+import warnings
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
+from PIL import Image, ImageOps, _imaging
 
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
+from exosight.files import read_file
 
 LARGEST_FILE = 256 * 2**20  # [bytes]
-LARGEST_SIDE = 16_384  # [pixels]
+LARGEST_PICTURE = 40_000_000
+"""[pixels]; a camera's picture has fewer, and a small file may claim many more."""
+KINDS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP")
+"""What is read, as Pillow names it."""
+
+with suppress(AttributeError, OSError):  # a Pillow without libtiff, or with one that cannot be reached
+    # libtiff writes about damaged files to the process's stderr, and Pillow lets it.
+    ctypes.CDLL(_imaging.__file__).TIFFSetErrorHandler(None)
+
+Crop = tuple[int, int, int]
+"""Left edge, upper edge and width [pixels] of the part of a picture that the network gets; its height follows
+from the network's aspect ratio."""
 
 
-def read_gray(path: Path, width: int, height: int) -> UInt8[np.ndarray, "height width"]:
+def read_gray(
+    path: Path, width: int, height: int, crop: Crop | None = None
+) -> UInt8[np.ndarray, "height width"]:
     """A picture file (PNG, JPEG, TIFF, …) as gray values 0…255; see `decode_gray`.
 
-    Raises DataError if the file is missing or too large, and where `decode_gray` does.
+    Raises DataError if the file is missing or too large, and what `decode_gray` raises.
     """
-    try:
-        size = path.stat().st_size
-        if size > LARGEST_FILE:
-            raise DataError(f"{path}: {size >> 20} MiB, pictures of up to {LARGEST_FILE >> 20} MiB are read")
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); expected a picture") from error
-    return decode_gray(data, str(path), width, height)
+    return decode_gray(read_file(path, LARGEST_FILE, "expected a picture"), str(path), width, height, crop)
 
 
-def decode_gray(data: bytes, name: str, width: int, height: int) -> UInt8[np.ndarray, "height width"]:
+def decode_gray(
+    data: bytes, name: str, width: int, height: int, crop: Crop | None = None
+) -> UInt8[np.ndarray, "height width"]:
     """The content of a picture file as gray values 0…255, shrunk or enlarged to the size wanted.
 
-    Colours become gray by Rec. 601; transparency is ignored. An area shrinks to its mean.
+    Colours become gray by Rec. 601; transparency is ignored, and of all else that comes with the picture
+    only its orientation counts. An area shrinks to its mean.
 
     name            of the file, for messages
     width, height   [pixels]
+    crop            the part that is taken; by default all of it
 
-    Raises DataError if it is no picture, damaged, too large, or of another aspect ratio: a stretched picture
-    shows another pose.
+    Raises DataError if it is no picture, damaged, too large, or without a crop of another aspect ratio: a
+    stretched picture shows another pose. Raises InputError if the crop leaves the picture.
     """
-    try:
-        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
-    except cv2.error:
-        picture = None
-    if picture is None:
-        raise DataError(f"{name}: not a picture that can be read, or damaged; give a PNG, JPEG or TIFF file")
+    picture = _decoded(data, name)
     rows, columns = picture.shape
-    if max(rows, columns) > LARGEST_SIDE:
-        raise DataError(f"{name}: {columns}×{rows} pixels, at most {LARGEST_SIDE} a side are read")
+    if crop is not None:
+        return cropped(picture, width, height, crop, name)
     # Within one pixel of the smaller picture.
     if abs(columns * height - rows * width) > max(rows, columns, width, height):
         expected = "a square picture" if width == height else f"the aspect ratio {width}:{height}"
-        raise DataError(f"{name}: expected {expected}, got {columns}×{rows} pixels; crop it")
+        middle = "--crop {} {} {}".format(*middle_of((rows, columns), width, height))
+        raise DataError(
+            f"{name}: expected {expected}, got {columns}×{rows} pixels; crop it, {middle} takes its middle"
+        )
     return resized(picture, width, height)
+
+
+def _decoded(data: bytes, name: str) -> UInt8[np.ndarray, "rows columns"]:
+    """The picture as it is stored; its size is read first, and one that is too large is not unpacked."""
+    too_large = f"up to {LARGEST_PICTURE // 10**6} million pixels are read; make it smaller"
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data), formats=KINDS) as picture:
+                if picture.width * picture.height > LARGEST_PICTURE:
+                    raise DataError(f"{name}: {picture.width}×{picture.height} pixels, {too_large}")
+                picture.draft("L", None)  # of a JPEG only the gray is unpacked
+                picture.load()
+                ImageOps.exif_transpose(picture, in_place=True)
+                deep = picture.mode.startswith("I;16")
+                if picture.mode in ("I", "F"):
+                    raise DataError(f"{name}: more than 16 bits a pixel; save it with 8 or 16")
+                return (
+                    (np.asarray(picture) >> 8).astype(np.uint8) if deep else np.asarray(picture.convert("L"))
+                )
+    except DataError:
+        raise
+    except Image.DecompressionBombError:
+        raise DataError(f"{name}: far too large; {too_large}") from None
+    except Exception as error:  # decoders fail in many ways, and none is for the user to understand
+        raise DataError(
+            f"{name}: not a picture that can be read, or damaged; give a PNG, JPEG or TIFF file"
+        ) from error
+
+
+def cropped(
+    picture: UInt8[np.ndarray, "rows columns"], width: int, height: int, crop: Crop, name: str
+) -> UInt8[np.ndarray, "height width"]:
+    """A part of a gray picture in the size that the network takes [pixels].
+
+    name   of the picture, for messages
+
+    Raises InputError if the crop leaves the picture.
+    """
+    (rows, columns), (left, top, side) = picture.shape, crop
+    high = max(1, round(side * height / width))
+    if not (left >= 0 and top >= 0 and side >= 1 and left + side <= columns and top + high <= rows):
+        raise InputError(
+            f"crop: expected left, top and width of {side}×{high} pixels within the {columns}×{rows} of "
+            f"{name}, got {left} {top} {side}"
+        )
+    return resized(picture[top : top + high, left : left + side], width, height)
+
+
+def middle_of(shape: tuple[int, int], width: int, height: int) -> Crop:
+    """The largest part with the network's aspect ratio, in the middle of a picture of (rows, columns)."""
+    rows, columns = shape
+    side = max(1, min(columns, rows * width // height))
+    return (columns - side) // 2, (rows - max(1, side * height // width)) // 2, side
 
 
 def resized(

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import tyro
 
-from exosight.app.commands.options import Json, MaybePath
+from exosight.app.commands.options import Json, MaybePath, Pixels
 from exosight.app.console import check_json_target, say, show, write_json
-from exosight.errors import InputError
+from exosight.errors import DataError, ExosightError, InputError
 from exosight.evaluation.naming import common_unit, forces_only, kind, row_name, sums
 from exosight.evaluation.tables import Column, Table
 
@@ -21,21 +21,27 @@ def estimate(
     images: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="IMAGE …")]],
     model: MaybePath = None,
     level: float = 0.9,
+    crop: Pixels = None,
     json: Json = None,
 ) -> None:
     """Estimate contact forces, and other sensors of a system, from pictures, with intervals and OOD scores.
 
     A picture is made gray and brought to the size that the network takes. It should show the system as
     the network's camera does; for the shipped network: side view, finger to the right, bright background.
+    A picture that cannot be read is named with the reason, the others are estimated, and the exit status is
+    2.
 
     Example:
       exosight estimate image.png
       exosight estimate frames/*.png --json -
+      exosight estimate photo_640x480.png --crop 80 0 480
 
     Args:
         images: picture files (PNG, JPEG, TIFF)
         model: exported network, from `exosight train`; the one that comes with the package if left out
         level: share of true values that the intervals are to hold: 0.5, 0.8, 0.9, 0.95 or 0.99
+        crop: part of each picture that the network gets [pixels]; its height follows from the network's
+            aspect ratio; default: all of it
         json: write the estimates as JSON to a new file, or to stdout with "-", instead of tables
     """
     check_json_target(json)
@@ -47,9 +53,16 @@ def estimate(
     estimator = OnnxEstimator.load(model or DEFAULT_MODEL, alone=True)
     schema = estimator.card.schema
     height, width = estimator.card.schema.image_size
-    found = []
+    found, failures = [], []
     for path in images:
-        read = estimator.read(read_gray(path, width, height)[None], level)
+        try:
+            picture = read_gray(path, width, height, crop)
+        except ExosightError as error:
+            failures.append({"image": str(path), "reason": str(error)})
+            if len(images) > 1:
+                say(f"not read: {error}")
+            continue
+        read = estimator.read(picture[None], level)
         rows, totals = _rows(schema, read), _totals(schema, read)
         ood_score = round(float(read.ood_score[0]), 3)
         named = {f"{name}_{schema.sensor(name).unit}": total for name, total in totals.items()}
@@ -57,13 +70,18 @@ def estimate(
         if json is None:
             caption = f"{path}, {100 * level:g} % intervals"
             show(_table(schema, caption, rows, totals))
-            if ood_score > 1:
+            if read.ood_score[0] > 1:
+                score = np.ceil(100 * float(read.ood_score[0])) / 100  # above 1 it never reads as 1.00
                 say(
-                    f"do not trust these: the picture is out of distribution (OOD score {ood_score:g}, "
-                    "trusted up to 1)"
+                    f"do not trust these: the picture is out of distribution (OOD score {score:.2f}, trusted "
+                    "up to 1)"
                 )
     if json is not None:
-        write_json({"level": level, "estimates": found}, json)
+        write_json({"level": level, "estimates": found, "failures": failures}, json)
+    if len(images) == 1 and failures:
+        raise DataError(failures[0]["reason"])
+    if failures:
+        raise DataError(f"{len(failures)} of {len(images)} pictures could not be read; each is named above")
 
 
 def _rows(schema: "Schema", read: "Reading") -> list[dict[str, str | float | None]]:

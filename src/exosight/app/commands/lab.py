@@ -54,7 +54,7 @@ def lab(
         host: name or address to listen on
         port: to listen on; 0 takes any that is free
         browser: open the page in the browser
-        out: write picture, readings, path and settings of the view to a new folder instead, and end
+        out: write picture, pose, readings, path and settings of the view to a new folder instead, and end
     """
     shown, view = _opened(system, model, look, vary, drive)
     if out is not None:
@@ -76,10 +76,7 @@ def lab(
         say(f"exosight lab at {address} (Ctrl-C ends it)")
         if browser:
             threading.Timer(0.5, webbrowser.open, (address,)).start()
-        try:
-            server_of(application(shown, view, hosts, token)).run(sockets=[listener])
-        except KeyboardInterrupt:
-            say("lab ended")
+        server_of(application(shown, view, hosts, token)).run(sockets=[listener])
 
 
 def _opened(

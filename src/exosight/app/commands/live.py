@@ -13,6 +13,7 @@ from exosight.app.commands.options import (
     Json,
     LoopOptions,
     MaybePath,
+    Pixels,
 )
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import check_new_file
@@ -20,9 +21,6 @@ from exosight.errors import InputError
 
 MaybePositive = Annotated[
     Annotated[float, Field(gt=0, allow_inf_nan=False)] | None, tyro.conf.arg(help_behavior_hint="")
-]
-Pixels = Annotated[
-    tuple[int, int, int] | None, tyro.conf.arg(metavar="LEFT TOP WIDTH", help_behavior_hint="")
 ]
 
 
@@ -33,7 +31,8 @@ class DeviceOptions:
     source: Annotated[str | None, tyro.conf.arg(metavar="CAMERA|PATH", help_behavior_hint="")] = None
     """number of a camera, a folder of pictures or a video file"""
     crop: Pixels = None
-    """part of the camera's picture that the network is shown [pixels]; default: the largest"""
+    """part of each picture that the network gets [pixels]; default: the largest in the middle of a camera's
+    or video's, all of a picture file"""
     send: Annotated[str | None, tyro.conf.arg(metavar="PLACE|-", help_behavior_hint="")] = None
     """write the command there, one line a step: a serial device, a named pipe, a new file, or "-" for
     stdout"""
@@ -99,10 +98,11 @@ def live(
         raise InputError(
             "live: expected the command or JSON on stdout, got both; name a file for one of them"
         )
-    if device.send is not None and device.source is None:
-        raise InputError("live: expected --source with --send; a simulated system is actuated as it is")
+    if device.source is None and (device.send is not None or device.crop is not None):
+        given = "--send" if device.crop is None else "--crop"
+        raise InputError(f"live: expected --source with {given}; a simulated system is used as it is")
     # Here, so that --help and wrong options answer at once: JAX takes a second to import.
-    from exosight.app.live import LiveRun, Log, on_camera, on_simulation, timing_table
+    from exosight.app.live import LiveRun, Log, on_simulation, on_source, opened, timing_table
     from exosight.app.nominal import nominal_system
     from exosight.control import CONTROL_SHAPE
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
@@ -115,25 +115,25 @@ def live(
         exosuit.refuse(f"change {loop.system} instead")
     network = OnnxEstimator.load(model or DEFAULT_MODEL, alone=True)
     system = nominal_system(designs, exosuit.exosuit(CONTROL_SHAPE), network)
-    say("tuning the controller on a simulation of the system")
-    limits = {"contact_limit": run.contact_limit, "rate": run.max_rate}
-    config = tune(system, loop.sensor, loop.channel, period=1 / run.rate, **limits)
-    target = config.default_target if run.target is None else run.target
-    if target > (largest := float(config.loading.controlled[-1])):
-        unit = config.controlled.unit
-        say(f"{config.sensor} reads at most {largest:.3f} {unit} within the limits, less than the target")
-    targets, log = [target] * max(1, round(run.seconds * run.rate)), Log(say, config)
-    started = LiveRun(system, network, model or DEFAULT_MODEL, config, targets, run.record)
-    try:
-        if device.source is None:
-            on_simulation(started, log)
-        else:
-            on_camera(started, device.source, device.crop, device.send, log)
-    finally:
-        if log.steps:
-            rest = f"{config.channel} is back at 0 {config.driven.unit}"
-            say(f"{rest} after {log.steps} steps" + (f"; wrote {run.record}" if run.record else ""))
-            if json is not None:
-                write_json(log.summary(), json)
-            elif device.send != "-":
-                show(timing_table(log.seconds, log.late))
+    with opened(device.source, network, device.crop) as frames:
+        say("tuning the controller on a simulation of the system")
+        limits = {"contact_limit": run.contact_limit, "rate": run.max_rate}
+        config = tune(system, loop.sensor, loop.channel, period=1 / run.rate, **limits)
+        target = config.default_target if run.target is None else run.target
+        if target > (largest := float(config.loading.controlled[-1])):
+            unit = config.controlled.unit
+            say(f"{config.sensor} reads at most {largest:.3f} {unit} within the limits, less than the target")
+        targets, log = [target] * max(1, round(run.seconds * run.rate)), Log(say, config)
+        started = LiveRun(system, network, model or DEFAULT_MODEL, config, targets, run.record)
+        try:
+            if frames is None:
+                on_simulation(started, log)
+            else:
+                on_source(started, frames, device.send, log)
+        finally:
+            if log.steps:
+                say(log.end() + (f"; wrote {run.record}" if run.record else ""))
+                if json is not None:
+                    write_json(log.summary(), json)
+                elif device.send != "-":
+                    show(timing_table(log.seconds, log.late))

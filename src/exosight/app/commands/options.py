@@ -20,6 +20,11 @@ Json = Annotated[str | None, tyro.conf.arg(metavar="FILE|-", help_behavior_hint=
 MaybePath = Annotated[Path | None, tyro.conf.arg(help_behavior_hint="")]
 """A place that may be left out; the help says what happens then."""
 
+Pixels = Annotated[
+    tuple[int, int, int] | None, tyro.conf.arg(metavar="LEFT TOP WIDTH", help_behavior_hint="")
+]
+"""The part of a picture that a network is shown."""
+
 SystemName = Annotated[str, tyro.conf.arg(metavar="NAME|FILE")]
 """A preset, or a system file."""
 

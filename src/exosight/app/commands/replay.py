@@ -10,7 +10,8 @@ from exosight.app.commands.options import Json, MaybePath
 from exosight.app.console import check_json_target, say, show, write_json
 
 if TYPE_CHECKING:
-    from exosight.control.recording import Recording, Replay
+    from exosight.control.recording import Recording
+    from exosight.control.replay import Replay
 
 
 def replay(
@@ -36,7 +37,7 @@ def replay(
     from exosight.app.live import timing_table
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
     from exosight.control.recording import STATES, checksum, read_recording
-    from exosight.control.recording import replay as run
+    from exosight.control.replay import replay as run
 
     place = model or DEFAULT_MODEL
     network = OnnxEstimator.load(place, alone=True)
@@ -52,7 +53,7 @@ def replay(
         show(timing_table(recorded.seconds, recorded.late))
         for i in np.flatnonzero(recorded.cause != b""):
             state = STATES[recorded.state[i]].value
-            say(f"{recorded.time[i]:7.1f} s  {state}: {recorded.cause[i].decode()}")
+            say(f"{recorded.time[i]:7.1f} s  {state}: {recorded.cause[i].decode(errors='replace')}")
     else:
         write_json({"same_network": same, **_steps(recorded, again)}, json)
     whose = "the network of the recording" if same else "another network than the recording's"

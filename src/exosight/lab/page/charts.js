@@ -24,12 +24,12 @@ export function sensorTable(host, sensors, { truth, estimates }) {
       return { name, row, zero, bar, whisker, dot, cells };
     });
     const axis = svg("svg", { "aria-hidden": "true" });
-    const foot = html("tr", { class: "foot" }, html("td"), html("td", { class: "bar" }, axis), html("td", { colspan: Math.max(1, columns.length) }));
-    return { rows, axis, unit: group[0].unit, body: html("tbody", {}, ...rows.map((each) => each.row), foot) };
+    const foot = html("tr", { class: "foot" }, html("td"), html("td", { class: "bar" }, axis), html("td", { class: "unit", colspan: Math.max(1, columns.length) }, group[0].unit));
+    return { rows, axis, body: html("tbody", {}, ...rows.map((each) => each.row), foot) };
   });
   host.append(html("table", {}, html("thead", {}, head), ...drawn.map(({ body }) => body)));
 
-  return (readings, found) => drawn.forEach(({ rows, axis, unit }) => {
+  return (readings, found) => drawn.forEach(({ rows, axis }) => {
     const values = rows.flatMap(({ name }) => {
       const { value, low, high } = found?.[name] ?? {};
       return [readings?.[name], value, low, high].filter((each) => each !== undefined);
@@ -53,7 +53,7 @@ export function sensorTable(host, sensors, { truth, estimates }) {
       words.forEach((each, k) => { if (cells[k].textContent !== each) cells[k].textContent = each; });
     }
     axis.replaceChildren(svg("text", { x: "0%", y: 12 }, String(from).replace("-", "−")),
-      svg("text", { x: "100%", y: 12, "text-anchor": "end" }, `${most} ${unit}`));
+      svg("text", { x: "100%", y: 12, "text-anchor": "end" }, String(most)));
   });
 }
 

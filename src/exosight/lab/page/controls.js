@@ -66,4 +66,10 @@ export function pick(label, options, start, changed) {
   return html("div", { class: "pick" }, html("label", { for: id }, label), select);
 }
 
-export const group = (name, ...children) => html("fieldset", {}, html("legend", {}, name), ...children);
+/** Settings that are shown or hidden together; `opened` holds the names of the groups that are shown. */
+export function group(name, opened, ...children) {
+  const made = html("details", {}, html("summary", {}, name), ...children);
+  made.open = opened.has(name);
+  made.addEventListener("toggle", () => (made.open ? opened.add(name) : opened.delete(name)));
+  return made;
+}

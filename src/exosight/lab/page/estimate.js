@@ -1,33 +1,59 @@
-// The third tab: an uploaded image.
+// The third tab: an uploaded image, or what a frame leaves of it.
 
 import { upload } from "./api.js";
 import { sensorTable } from "./charts.js";
-import { by, fixed, quantity } from "./svg.js";
+import { cropFrame, fits } from "./crop.js";
+import { zoneMap } from "./map.js";
+import { by, quantity, scoreWords } from "./svg.js";
 
-export function estimate({ system, sensors, controlled, pixels }) {
+export function estimate({ network, scene }) {
+  const { system, sensors, controlled, pixels } = network;
   const table = sensorTable(by("file-sensors"), sensors, { truth: false, estimates: true });
+  const map = zoneMap(by("file-map"), scene, "estimated");
   const { unit } = sensors.find(({ name }) => name === controlled);
   by("network-system").textContent = system;
-  by("network-size").textContent = pixels.join(":");
+  by("network-size").textContent = pixels[0] === pixels[1] ? "square" : pixels.join(":");
   const drop = by("drop");
 
-  async function take(picture) {
-    if (!picture) return;
+  const whole = by("whole"), frame = cropFrame(whole, pixels);
+  let name = "", count = 0;
+
+  /** What was chosen is estimated at once if the network can read it as it is; otherwise a part of it is chosen first. */
+  async function take(file) {
+    if (!file) return;
+    const own = ++count;
+    name = file.name;
+    by("crop").hidden = by("result").hidden = by("file-result").hidden = by("file-problem").hidden = true;
+    URL.revokeObjectURL(whole.src);
+    whole.src = URL.createObjectURL(file);
+    let readable = true;
+    try { await whole.decode(); } catch { readable = false; }  // the server says why, or reads it (TIFF)
+    if (own !== count) return;
+    if (!readable || fits(whole, pixels)) return read(file);
+    by("crop").hidden = false;
+    frame.reset();
+    by("frame").focus();
+  }
+
+  async function read(picture) {
+    const own = ++count;
     by("file-problem").hidden = true;
     try {
       const found = await upload(picture);
+      if (own !== count) return;
       by("file-image").src = `data:image/png;base64,${found.image}`;
-      by("file-image").alt = `${picture.name}, gray, ${pixels.join(" by ")} pixels`;
+      by("file-image").alt = `${name}, gray, ${pixels.join(" by ")} pixels`;
       const { estimates, ood_score: score } = found.reading;
       table(null, estimates);
-      const strange = score > 1;
-      by("verdict").className = `verdict ${strange ? "bad" : ""}`;
-      by("verdict").textContent = strange
-        ? `Do not trust these estimates: the image is out of distribution (OOD score ${fixed(score, 2)}, trusted up to 1).`
-        : `${controlled} ${quantity(estimates[controlled].value, unit)}; the image is within the training distribution (OOD score ${fixed(score, 2)}).`;
+      map.colour(Object.fromEntries(Object.entries(estimates).map(([sensor, { value }]) => [sensor, value])));
+      by("verdict").className = `verdict ${score > 1 ? "bad" : ""}`;
+      by("verdict").textContent = score > 1
+        ? `Do not trust these estimates: the image is out of distribution (OOD score ${scoreWords(score)}, trusted up to 1).`
+        : `${controlled} ${quantity(estimates[controlled].value, unit)}; the image is within the training distribution (OOD score ${scoreWords(score)}).`;
       by("file-cause").textContent = `Guard, given this image: ${found.guard.state}; ${found.guard.cause}.`;
       by("result").hidden = by("file-result").hidden = false;
     } catch (error) {
+      if (own !== count) return;
       by("file-problem").textContent = `Not estimated: ${error.message}.`;
       by("file-problem").hidden = false;
       by("result").hidden = by("file-result").hidden = true;
@@ -35,6 +61,9 @@ export function estimate({ system, sensors, controlled, pixels }) {
     document.dispatchEvent(new CustomEvent("estimated"));
   }
 
+  // The zones of a system that the network was not trained for have other names.
+  if (!network.refusal) document.addEventListener("at-rest", (event) => map.place(event.detail));
+  by("estimate-crop").addEventListener("click", async () => read(await frame.picture()));
   by("file").addEventListener("change", () => { take(by("file").files[0]); by("file").value = ""; });
   drop.addEventListener("dragover", (event) => { event.preventDefault(); drop.classList.add("over"); });
   drop.addEventListener("dragleave", () => drop.classList.remove("over"));

@@ -3,8 +3,9 @@
 import { ask, file } from "./api.js";
 import { lineChart, sensorTable } from "./charts.js";
 import { group, pick, slider } from "./controls.js";
+import { zoneMap } from "./map.js";
 import { scene, tubeLegend } from "./scene.js";
-import { by, digitsOf, download, fixed, html, named, quantity, round125, standalone } from "./svg.js";
+import { by, digitsOf, download, fixed, html, named, quantity, round125, scoreWords, standalone } from "./svg.js";
 
 const LONGEST_WAY = 48;  // stops; the server takes up to 64
 const LONGEST_TRAIL = 400;  // points
@@ -12,14 +13,17 @@ const QUIET = 300;  // ms without a change until the whole path is asked for, an
 
 export function explore(about, problem) {
   const { channels, sensors } = about;
-  const view = { design: { ...about.start.design }, drive: about.start.drive.map((stop) => [...stop]), look: { ...about.start.look } };
-  const chosen = { channel: 0, sensor: sensors.find(({ name }) => name === about.controlled) };
+  const view = {};  // what is asked for: design, drive and look; `apply` fills it
+  const chosen = {};  // what is charted: a sensor, and the place of a channel
   const pose = scene(by("pose"), about);
   const estimates = !about.network.refusal;
   const table = sensorTable(by("sensors"), sensors, { truth: true, estimates });
+  const map = zoneMap(by("map"), about.scene, "true");
   const chart = lineChart(by("path"));
   const rows = channels.map(channelRow);
-  let busy = false, again = false, sent = 0, changes = 0, shown = null, path = null, trail = [], quiet = 0, stop = null, sweeping = 0;
+  // Where the pose stays above the settings, there is room for one group of them.
+  const opened = matchMedia("(max-width: 46rem)").matches ? new Set([(about.design[0] ?? { name: "Camera" }).name]) : new Set([...about.design.map(({ name }) => name), "Camera"]);
+  let busy = false, again = false, sent = 0, changes = 0, shown = null, path = null, trail = [], quiet = 0, stop = null, sweeping = 0, mapped = false;
 
   const now = () => view.drive.at(-1) ?? channels.map(() => 0);
   const here = () => now()[chosen.channel];
@@ -33,6 +37,7 @@ export function explore(about, problem) {
 
   async function update() {
     clearTimeout(quiet);
+    document.dispatchEvent(new CustomEvent("changed"));
     if (busy) { again = true; return; }
     busy = true;
     do {
@@ -52,11 +57,13 @@ export function explore(about, problem) {
         problem();
       } catch (error) {
         problem(error.message);
+        if (!shown && error.refused) document.dispatchEvent(new CustomEvent("refused", { detail: error.message }));
       }
     } while (again);
     busy = false;
     sent = 0;
     document.dispatchEvent(new CustomEvent("shown"));
+    document.dispatchEvent(new CustomEvent("changed"));
   }
 
   function show(found) {
@@ -66,6 +73,7 @@ export function explore(about, problem) {
     by("image").src = `data:image/png;base64,${found.image}`;
     by("image").alt = `Camera image, ${about.scene.pixels.join(" by ")} pixels`;
     table(found.readings, found.reading?.estimates);
+    map.colour(found.readings);
     facts();
     by("notes").hidden = !found.notes.length;
     by("notes").textContent = found.notes.length ? `Note: ${found.notes.join("; ")}.` : "";
@@ -82,7 +90,7 @@ export function explore(about, problem) {
     by("value-estimated").textContent = value === undefined ? "none" : quantity(value, unit);
     if (!shown.reading) return;
     const { ood_score: score } = shown.reading, { state, cause } = shown.guard;
-    by("ood_score").textContent = `${fixed(score, 2)}${score > 1 ? ", do not trust" : ""}`;
+    by("ood_score").textContent = `${scoreWords(score)}${score > 1 ? ", do not trust" : ""}`;
     by("guard").textContent = state;
     by("guard").className = `state ${state}`;
     by("guard-cause").textContent = `Guard, given this image: ${cause}.`;
@@ -118,10 +126,21 @@ export function explore(about, problem) {
     });
   }
 
+  /** The zones' places are those of the system at rest, which it is asked for once. */
+  async function drawMap() {
+    mapped = true;
+    try {
+      const { scene: atRest } = await ask("/api/view", { ...view, drive: [] });
+      map.place(atRest);
+      document.dispatchEvent(new CustomEvent("at-rest", { detail: atRest }));
+    } catch { mapped = false; }  // with the next view
+  }
+
   async function rest() {
     const { name, unit } = chosen.sensor, value = guessed();
     by("spoken").textContent = [`${channels[chosen.channel].name} ${told(chosen.channel, here())}: ${name} ${quantity(read(name), unit)}`,
       ...(value === undefined ? [] : [`estimated ${quantity(value, unit)}`]), ...(shown.guard ? [`guard ${shown.guard.state}`] : [])].join(", ");
+    if (!mapped) drawMap();
     const key = pathKey();
     if (path?.key === key || stop?.key === key) return;
     stop?.abort();
@@ -179,10 +198,15 @@ export function explore(about, problem) {
   function redesigned(key, value) {
     view.design[key] = value;
     view.drive = [now()];
+    anew();
+  }
+
+  function anew() {
     sent = 0;
     changes++;
     stop?.abort();
     trail = [];
+    showCommands();
     update();
   }
 
@@ -205,8 +229,8 @@ export function explore(about, problem) {
     const looked = (key, value) => { view.look[key] = value; update(); };
     const looks = about.look.map((spec) => slider({ ...spec, start: view.look[spec.key] }, (value) => looked(spec.key, value)).element);
     by("settings").replaceChildren(
-      ...about.design.map(({ name, choice, sliders }) => group(name, ...(choice ? kinds(choice) : []), ...designSliders(sliders))),
-      group("Camera", ...looks, pick("Corruption", about.corruptions, view.look.corruption, (name) => looked("corruption", name))));
+      ...about.design.map(({ name, choice, sliders }) => group(name, opened, ...(choice ? kinds(choice) : []), ...designSliders(sliders))),
+      group("Camera", opened, ...looks, pick("Corruption", about.corruptions, view.look.corruption, (name) => looked("corruption", name))));
   }
 
   /** Which sensor is charted over which channel. */
@@ -215,17 +239,18 @@ export function explore(about, problem) {
       chosen.sensor = sensors.find((each) => each.name === name);
       rechosen();
     });
-    const channel = pick("Channel", channels.map(({ name }) => ({ name, label: name })), channels[0].name, (name) => {
+    const channel = pick("Channel", channels.map(({ name }) => ({ name, label: name })), channels[chosen.channel].name, (name) => {
       if (sweeping) sweep();
       chosen.channel = channels.findIndex((each) => each.name === name);
       rechosen();
     });
-    by("choices").append(sensor, ...(channels.length > 1 ? [channel] : []));
+    by("choices").replaceChildren(sensor, ...(channels.length > 1 ? [channel] : []));
   }
 
   function rechosen() {
     title();
     showCommands();
+    document.dispatchEvent(new CustomEvent("changed"));
     if (!shown) return;
     facts();
     drawPath();
@@ -260,6 +285,7 @@ export function explore(about, problem) {
   by("save-figure").addEventListener("click", () => download(standalone(pose.drawing), "exosight-pose.svg"));
   by("save-picture").addEventListener("click", () => save("picture.png", view));
   by("save-readings").addEventListener("click", () => save("readings.csv", view));
+  by("save-pose").addEventListener("click", () => save("pose.csv", view));
   by("save-path").addEventListener("click", () => save("path.csv", asked()));
   by("copy").addEventListener("click", async () => {
     by("command").select();
@@ -272,10 +298,19 @@ export function explore(about, problem) {
   for (const each of document.querySelectorAll(".estimates")) each.hidden = !estimates;
   by("no-estimates").hidden = estimates;
   by("no-estimates").textContent = estimates ? "" : `${about.network.refusal[0].toUpperCase()}${about.network.refusal.slice(1)}.`;
-  build();
-  choices();
-  title();
-  showCommands();
-  update();
-  return { view, seen: () => shown };
+
+  /** Settings from the page's address: a view, and what is charted of it. */
+  function apply(wanted) {
+    if (sweeping) sweep();
+    Object.assign(view, wanted.view);
+    chosen.sensor = sensors.find(({ name }) => name === wanted.sensor);
+    chosen.channel = channels.findIndex(({ name }) => name === wanted.channel);
+    build();
+    choices();
+    title();
+    anew();
+  }
+
+  const state = () => ({ view, sensor: chosen.sensor.name, channel: channels[chosen.channel].name });
+  return { view, seen: () => shown, apply, state };
 }

@@ -10,100 +10,129 @@ const PERIOD = 100;  // ms a step
 
 export function loop(about, view, seen, problem) {
   const { channels } = about;
-  const run = {
-    sensor: about.controlled, channel: channels[0].name, target: about.run.target.start, law: about.run.laws[0].name,
-    gain: about.run.gain.start, measured: about.run.measured[0].name, disturbance: about.run.disturbances[0].name,
-  };
+  const chosen = {};  // what the next run is asked for; a target of null is the default of its path
   const pose = scene(by("loop-pose"), about);
   const value = lineChart(by("loop-chart")), drive = lineChart(by("loop-u-chart"));
-  let steps = [], ran = run, at = 0, playing = 0, stop = null, aiming = null, aimed = "";
+  let targets = about.run.target, aiming = null, aimed = "";
+  // What is shown: the settings and the steps of one run, which of them, its request until it has ended, the
+  // timer while it plays. Null: what the first tab shows.
+  let run = null;
 
   const unitOf = (name) => about.sensors.find((each) => each.name === name).unit;
   const channelOf = (name) => channels.find((each) => each.name === name);
-  const measured = (step) => step.reading?.estimates[ran.sensor]?.value;
+  const settings = () => run?.settings ?? chosen;
+  const steps = () => run?.steps ?? [];
+  const measured = (step) => step.reading?.estimates[settings().sensor]?.value;
+  const changed = () => document.dispatchEvent(new CustomEvent("changed"));
   const target = html("div", {});
-  const gain = slider(about.run.gain, (to) => { run.gain = to; });
   const start = html("button", { type: "submit", class: "main" }, "Run");
-  const offer = () => { gain.element.hidden = run.law !== "proportional"; };
-  const list = (label, names, key) => pick(label, names.map((name) => ({ name, label: name })), run[key], (name) => { run[key] = name; aim(); });
 
-  function aimAt(spec) {
-    run.target = spec.start;
-    target.replaceChildren(slider({ ...spec, label: `Target ${run.sensor}`, unit: unitOf(run.sensor) }, (to) => { run.target = to; }).element);
+  function list(label, options, key, then = () => {}) {
+    return pick(label, options, chosen[key], (name) => { chosen[key] = name; then(); changed(); });
+  }
+
+  function build() {
+    const names = (each) => each.map((name) => ({ name, label: name }));
+    const another = () => { chosen.target = null; untilRun(); aim(); };
+    const gain = slider({ ...about.run.gain, start: chosen.gain }, (to) => { chosen.gain = to; changed(); });
+    const offer = () => { gain.element.hidden = chosen.law !== "proportional"; };
+    by("loop-settings").replaceChildren(
+      list("Sensor", names(about.controllable), "sensor", another),
+      ...(channels.length > 1 ? [list("Channel", names(channels.map(({ name }) => name)), "channel", another)] : []),
+      target, list("Law", about.run.laws, "law", offer), gain.element,
+      list("Measured by", about.run.measured, "measured"), list("Disturbance", about.run.disturbances, "disturbance"), start);
+    offer();
+    offerTarget();
+  }
+
+  function offerTarget() {
+    const spec = { ...targets, start: chosen.target ?? targets.start, label: `Target ${chosen.sensor}`, unit: unitOf(chosen.sensor) };
+    target.replaceChildren(slider(spec, (to) => { chosen.target = to; changed(); }).element);
   }
 
   /** Between which limits the target may lie: the path of the sensor over the channel tells. */
   async function aim() {
     aiming?.abort();
     aiming = new AbortController();
-    const key = `${run.sensor} ${run.channel}`;
+    const asked = { view: { ...view, drive: [] }, channel: chosen.channel, sensor: chosen.sensor };
+    const key = JSON.stringify([view.design, asked.channel, asked.sensor]);
     if (key === aimed) return;
     try {
-      const settings = { view: { ...view, drive: [] }, channel: run.channel, sensor: run.sensor };
-      aimAt({ ...about.run.target, ...(await ask("/api/path", settings, aiming.signal)).target });
+      targets = { ...about.run.target, ...(await ask("/api/path", asked, aiming.signal)).target };
       aimed = key;
+      if (chosen.target < targets.low || chosen.target > targets.high) chosen.target = null;
+      offerTarget();
     } catch (error) {
       if (error.name !== "AbortError") problem(error.message);
     }
   }
 
-  aimAt(about.run.target);
-  by("loop-settings").append(
-    list("Sensor", about.controllable, "sensor"), ...(channels.length > 1 ? [list("Channel", channels.map(({ name }) => name), "channel")] : []),
-    target,
-    pick("Law", about.run.laws, run.law, (name) => { run.law = name; offer(); }), gain.element,
-    pick("Measured by", about.run.measured, run.measured, (name) => { run.measured = name; }),
-    pick("Disturbance", about.run.disturbances, run.disturbance, (name) => { run.disturbance = name; }), start);
-  offer();
-  document.addEventListener("tab", (event) => { if (event.detail === "loop") aim(); });
+  /** Settings from the page's address. */
+  function apply(wanted) {
+    Object.assign(chosen, wanted);
+    aimed = "";
+    build();
+    untilRun();
+  }
 
-  by("loop-settings").addEventListener("submit", async (event) => {
-    event.preventDefault();
-    stop?.abort();
-    stop = new AbortController();
-    const { signal } = stop;
-    steps = []; at = 0; ran = { ...run };
+  /** Until something has run, titles and axes are those of the next run. */
+  function untilRun() {
+    if (run) return;
     titles();
-    start.textContent = "Working …";
-    by("loop-note").textContent = run.law === "scheduled" ? "The law learns the paths of this system first, which takes seconds …" : "";
+    controls();
+  }
+
+  async function begin() {
+    end();
+    const own = run = { settings: { ...chosen, target: chosen.target ?? targets.start }, steps: [], at: 0, timer: 0, request: new AbortController() };
+    titles();
+    show(0);
+    by("loop-note").textContent = chosen.law === "scheduled" ? "The scheduled law solves the paths of this system first, which takes seconds …" : "";
     try {
-      for await (const step of lines("/api/trial", { view: { ...view, drive: [] }, ...run }, signal)) {
+      for await (const step of lines("/api/trial", { view: { ...view, drive: [] }, ...own.settings }, own.request.signal)) {
         if (step.error) throw new Error(step.error);
-        steps.push(step);
-        if (steps.length === 1) { by("loop-note").textContent = ""; play(); }
-        by("time").max = steps.length - 1;
-        by("play").disabled = by("time").disabled = by("save-run").disabled = false;
-        charts();
+        if (own !== run) return;
+        own.steps.push(step);
+        if (own.steps.length === 1) play();
+        else controls();
       }
       problem();
     } catch (error) {
-      if (error.name !== "AbortError") { problem(error.message); by("loop-note").textContent = `Not run: ${error.message}`; }
+      if (own === run) { problem(error.message); by("loop-note").textContent = `Not run: ${error.message}`; }
     } finally {
-      if (stop?.signal === signal) { start.textContent = "Run"; stop = null; }
+      own.request = null;
+      if (own === run) controls();
       document.dispatchEvent(new CustomEvent("run"));
     }
-  });
+  }
+
+  /** What was shown until now neither plays nor arrives any more. */
+  function end() {
+    pause();
+    run?.request?.abort();
+    run = null;
+  }
 
   function titles() {
-    for (const each of document.querySelectorAll(".loop-sensor")) each.replaceChildren(...named(ran.sensor));
-    for (const each of document.querySelectorAll(".loop-channel")) each.replaceChildren(...named(ran.channel));
+    for (const each of document.querySelectorAll(".loop-sensor")) each.replaceChildren(...named(settings().sensor));
+    for (const each of document.querySelectorAll(".loop-channel")) each.replaceChildren(...named(settings().channel));
   }
 
   function play() {
-    if (playing) return pause();
-    if (at >= steps.length - 1 && !stop) at = 0;
-    by("play").textContent = "Pause";
-    playing = setInterval(() => {
-      show(Math.min(at + 1, steps.length - 1));
-      if (at === steps.length - 1 && !stop) pause();
+    const own = run, last = () => own.steps.length - 1;
+    if (own.at === last() && !own.request) own.at = 0;
+    own.timer = setInterval(() => {
+      if (own.at === last() && !own.request) pause();
+      else show(Math.min(own.at + 1, last()));
     }, PERIOD);
-    show(at);
+    show(own.at);
   }
 
   function pause() {
-    clearInterval(playing);
-    playing = 0;
-    by("play").textContent = "Play";
+    if (!run) return;
+    clearInterval(run.timer);
+    run.timer = 0;
+    controls();
   }
 
   function picture(data, words) {
@@ -113,46 +142,67 @@ export function loop(about, view, seen, problem) {
     if (data) by("loop-image").src = `data:image/png;base64,${data}`;
   }
 
-  function show(index) {
-    at = index;
-    const step = steps[index], unit = unitOf(ran.sensor), channel = channelOf(ran.channel);
-    pose.draw(step.scene);
-    picture(step.image, `Camera image at ${step.time.toFixed(1)} s`);
-    by("loop-target").textContent = quantity(step.target, unit);
-    by("loop-true").textContent = quantity(step.readings[ran.sensor], unit);
-    by("loop-measured").textContent = measured(step) === undefined ? "none" : quantity(measured(step), unit);
-    by("loop-u").textContent = quantity(step.command, channel.unit, digitsOf(channel.step));
-    by("loop-guard").textContent = step.guard ? step.guard.state : "no guard";
-    by("loop-guard").className = `state ${step.guard?.state ?? ""}`;
-    by("loop-note").textContent = step.guard ? `Guard: ${step.guard.cause}.` : "The paper's law has no guard.";
-    by("time").value = index;
-    by("time").setAttribute("aria-valuetext", `${step.time.toFixed(1)} s`);
-    by("time-value").textContent = `${step.time.toFixed(1)} s`;
+  /** One step of the run; before the first, what the first tab shows. */
+  function show(at) {
+    run.at = at;
+    const step = run.steps[at], { sensor, channel } = run.settings, unit = unitOf(sensor);
+    const words = step ? {
+      target: quantity(step.target, unit), true: quantity(step.readings[sensor], unit),
+      measured: measured(step) === undefined ? "none" : quantity(measured(step), unit),
+      u: quantity(step.command, channelOf(channel).unit, digitsOf(channelOf(channel).step)),
+      guard: step.guard ? step.guard.state : "no guard",
+      note: step.guard ? `Guard: ${step.guard.cause}.` : "The paper's law has no guard.",
+    } : { target: "–", true: "–", measured: "–", u: "–", guard: "–", note: "" };
+    for (const [name, each] of Object.entries(words)) by(`loop-${name}`).textContent = each;
+    by("loop-guard").className = `state ${step?.guard?.state ?? ""}`;
+    if (step) {
+      pose.draw(step.scene);
+      picture(step.image, `Camera image at ${step.time.toFixed(1)} s`);
+    } else showFirst();
+    controls();
+  }
+
+  function showFirst() {
+    if (!seen()) return;
+    pose.draw(seen().scene);
+    picture(seen().image, "Camera image");
+  }
+
+  /** Buttons, time and charts: they change with every step that arrives. */
+  function controls() {
+    const step = steps()[run?.at], words = step ? `${step.time.toFixed(1)} s` : "–";
+    start.textContent = run?.request ? "Working …" : "Run";
+    by("play").textContent = run?.timer ? "Pause" : "Play";
+    by("play").disabled = by("time").disabled = by("save-run").disabled = !step;
+    by("time").max = Math.max(0, steps().length - 1);
+    by("time").value = run?.at ?? 0;
+    by("time").setAttribute("aria-valuetext", words);
+    by("time-value").textContent = words;
     charts();
   }
 
   function charts() {
-    const end = Math.max(6, steps.at(-1)?.time ?? 0), unit = unitOf(ran.sensor), channel = channelOf(ran.channel);
-    const values = steps.flatMap((step) => [step.readings[ran.sensor], step.target, measured(step) ?? 0]);
-    const cursor = steps[at]?.time;
-    const wrong = ["none", "softer"].includes(ran.disturbance) ? [] : [{ kind: "wrong", from: 2, to: 3 }];
+    const shown = steps(), { sensor, disturbance } = settings(), unit = unitOf(sensor), channel = channelOf(settings().channel);
+    const end = Math.max(6, shown.at(-1)?.time ?? 0), step = shown[run?.at], cursor = step?.time;
+    const values = shown.flatMap((each) => [each.readings[sensor], each.target, measured(each) ?? 0]);
+    const wrong = ["none", "softer"].includes(disturbance) ? [] : [{ kind: "wrong", from: 2, to: 3 }];
     by("wrong-key").hidden = !wrong.length;
     value({
-      labels: ["time [s]", `${ran.sensor} [${unit}]`],
+      labels: ["time [s]", `${sensor} [${unit}]`],
       x: [0, end], y: scaled(Math.min(0, ...values), Math.max(0.1, ...values) * 1.02), cursor, bands: wrong,
       series: [
-        { kind: "target", points: steps.map((step) => [step.time, step.target]), steps: true },
-        { kind: "true", points: steps.map((step) => [step.time, step.readings[ran.sensor]]) },
-        { kind: "measured", points: steps.map((step) => [step.time, measured(step) ?? null]) },
+        { kind: "target", points: shown.map((each) => [each.time, each.target]), steps: true },
+        { kind: "true", points: shown.map((each) => [each.time, each.readings[sensor]]) },
+        { kind: "measured", points: shown.map((each) => [each.time, measured(each) ?? null]) },
       ],
-      words: steps[at] ? `${quantity(steps[at].readings[ran.sensor], unit)} for a target of ${quantity(steps[at].target, unit)} at ${cursor} s` : "",
+      words: step ? `${quantity(step.readings[sensor], unit)} for a target of ${quantity(step.target, unit)} at ${cursor} s` : "",
     });
-    const all = steps.map((step) => step.command);
+    const all = shown.map((each) => each.command);
     drive({
-      labels: ["time [s]", `${ran.channel} [${channel.unit}]`],
+      labels: ["time [s]", `${channel.name} [${channel.unit}]`],
       x: [0, end], y: scaled(Math.min(0, ...all), Math.max(Math.abs(channel.peak) / 4, ...all)), cursor,
       bands: [...wrong, ...bands()],
-      series: [{ kind: "ink", points: steps.map((step) => [step.time, step.command]), steps: true }],
+      series: [{ kind: "ink", points: shown.map((each) => [each.time, each.command]), steps: true }],
     });
   }
 
@@ -165,7 +215,7 @@ export function loop(about, view, seen, problem) {
   /** Stretches of time in which the guard's state was not normal. */
   function bands() {
     const found = [];
-    for (const step of steps) {
+    for (const step of steps()) {
       const kind = step.guard?.state, last = found.at(-1);
       if (!kind || kind === "normal") continue;
       if (last?.kind === kind && step.time - last.to < 0.01) last.to = step.time + 0.1;
@@ -175,21 +225,17 @@ export function loop(about, view, seen, problem) {
   }
 
   function table() {
-    const unit = unitOf(ran.sensor), channel = channelOf(ran.channel);
-    const head = `time [s],target [${unit}],${ran.sensor} true [${unit}],${ran.sensor} measured [${unit}],${ran.channel} [${channel.unit}],guard,cause\n`;
-    return head + steps.map((step) => [step.time, step.target, step.readings[ran.sensor], measured(step) ?? "", step.command,
+    const { sensor, channel } = run.settings, unit = unitOf(sensor);
+    const head = `time [s],target [${unit}],${sensor} true [${unit}],${sensor} measured [${unit}],${channel} [${channelOf(channel).unit}],guard,cause\n`;
+    return head + run.steps.map((step) => [step.time, step.target, step.readings[sensor], measured(step) ?? "", step.command,
       step.guard?.state ?? "", `"${(step.guard?.cause ?? "").replaceAll('"', '""')}"`].join(",")).join("\n") + "\n";
   }
 
-  /** Until something has run, what the first tab shows. */
-  document.addEventListener("shown", () => {
-    if (steps.length || !seen()) return;
-    pose.draw(seen().scene);
-    picture(seen().image, "Camera image");
-  });
-  by("play").addEventListener("click", play);
-  by("time").addEventListener("input", () => { if (playing) pause(); show(Number(by("time").value)); });
+  document.addEventListener("tab", (event) => { if (event.detail === "loop") aim(); });
+  document.addEventListener("shown", () => { if (!steps().length) showFirst(); });
+  by("loop-settings").addEventListener("submit", (event) => { event.preventDefault(); begin(); });
+  by("play").addEventListener("click", () => (run.timer ? pause() : play()));
+  by("time").addEventListener("input", () => { const at = Number(by("time").value); pause(); show(at); });
   by("save-run").addEventListener("click", () => download(new Blob([table()], { type: "text/csv" }), "exosight-run.csv"));
-  titles();
-  charts();
+  return { apply, chosen };
 }

@@ -1,6 +1,7 @@
 // Tabs, theme and the three parts of the page.
 
 import { about } from "./api.js";
+import { readAddress, writeAddress } from "./address.js";
 import { estimate } from "./estimate.js";
 import { explore } from "./explore.js";
 import { loop } from "./loop.js";
@@ -17,6 +18,7 @@ function choose(tab, focus = true) {
   }
   if (focus) tab.focus();
   document.dispatchEvent(new CustomEvent("tab", { detail: tab.getAttribute("aria-controls") }));
+  document.dispatchEvent(new CustomEvent("changed"));
 }
 
 tabs.forEach((tab, i) => {
@@ -28,6 +30,9 @@ tabs.forEach((tab, i) => {
     choose(tabs[(to + tabs.length) % tabs.length]);
   });
 });
+
+// Its own address would take the place of the settings'.
+document.querySelector(".skip").addEventListener("click", (event) => { event.preventDefault(); by("main").focus(); });
 
 const THEMES = ["auto", "light", "dark"];
 
@@ -51,11 +56,63 @@ function problem(sentence = "") {
   if (sentence && by("problem").textContent !== sentence) by("problem").textContent = sentence;
 }
 
+const SETTLED = 300;  // ms without a change until the address follows; browsers refuse a hundred in 30 s
+
+/** Keep the settings in the address, one entry of the browser's history for each change that settles. */
+function remember(known, { apply, state }) {
+  const opening = writeAddress(readAddress("", known), known);
+  let pending = 0, entered = false;  // entered: what changes now comes from the address
+
+  function take(text) {
+    clearTimeout(pending);
+    entered = true;
+    try {
+      apply(readAddress(text, known));
+      stale();
+    } catch (error) {
+      fallBack(error.message);
+    }
+  }
+
+  function stale(sentence = "") {
+    by("stale").hidden = !sentence;
+    by("stale").textContent = sentence;
+  }
+
+  function fallBack(reason) {
+    entered = true;
+    apply(readAddress("", known));
+    stale(`The settings in the address do not fit, so the page starts with its own: ${reason}.`);
+  }
+
+  function save() {
+    const text = writeAddress(state(), known);
+    const address = location.pathname + (text === opening ? "" : text);
+    if (entered) history.replaceState(null, "", address);
+    else if (address !== location.pathname + location.hash) { history.pushState(null, "", address); stale(); }
+    entered = false;
+  }
+
+  document.addEventListener("changed", () => { clearTimeout(pending); pending = setTimeout(save, SETTLED); });
+  document.addEventListener("refused", (event) => fallBack(event.detail));
+  addEventListener("popstate", () => take(location.hash));
+  take(location.hash);
+}
+
 try {
   const known = await about();
-  const { view, seen } = explore(known, problem);
-  loop(known, view, seen, problem);
-  estimate(known.network);
+  const first = explore(known, problem);
+  const second = loop(known, first.view, first.seen, problem);
+  estimate(known);
+  const shownTab = () => tabs.find((tab) => tab.getAttribute("aria-selected") === "true").getAttribute("aria-controls");
+  remember(known, {
+    state: () => ({ tab: shownTab(), ...first.state(), run: second.chosen }),
+    apply: ({ tab, run, ...settings }) => {
+      first.apply(settings);
+      second.apply(run);
+      choose(by(`tab-${tab}`), false);
+    },
+  });
 } catch (error) {
   by("status").hidden = true;
   problem(error.message);

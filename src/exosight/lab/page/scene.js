@@ -10,7 +10,7 @@ const NEAR = 4;  // zones of one place
 const NAMED = 24;  // zones up to which each is always named
 
 /** The union of all spheres along an axis. */
-function tube(points, radii) {
+export function tube(points, radii) {
   let path = "";
   points.forEach(([x, y], i) => {
     const r = radii[i];

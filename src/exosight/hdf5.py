@@ -1,0 +1,130 @@
+"""HDF5 files of unknown origin: what is read lies in the file itself, and is no larger than what it stores.
+
+A link may lead to another file, or to a pipe that never answers, and so may an array that is virtual or kept
+elsewhere; a shape is a promise that costs its writer nothing. All of it is checked before anything is read.
+"""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedIOBase
+
+import h5py
+import numpy as np
+
+from exosight.errors import DataError
+
+LARGEST_BLOCK = 2**28
+"""Largest part of an array that is unpacked at once [bytes]."""
+
+_DEFLATE = 1032
+"""At most this many times smaller an array gets by Deflate."""
+
+
+@contextmanager
+def opened(content: BufferedIOBase, name: object, what: str) -> Iterator[h5py.File]:
+    """An HDF5 file for reading; whatever is wrong with it meanwhile ends as DataError.
+
+    name   of the file, for messages
+    what   it is expected to be
+    """
+    try:
+        with h5py.File(content, "r") as file:
+            yield file
+    except DataError:
+        raise
+    # HDF5 and h5py raise these for damaged files; a shape may also be more than memory can hold.
+    except (
+        OSError,
+        LookupError,
+        RuntimeError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        ArithmeticError,
+    ) as error:
+        raise DataError(f"{name}: damaged, or not {what} ({error})") from error
+
+
+def group(file: h5py.Group, name: str) -> h5py.Group:
+    """A group that lies in the file itself; ValueError if there is none."""
+    found = _member(file, name)
+    if not isinstance(found, h5py.Group):
+        raise ValueError(f"{name} is not a group of this file")
+    return found
+
+
+def array(
+    file: h5py.Group, name: str, kind: np.dtype | type | str, shape: tuple[int | None, ...]
+) -> h5py.Dataset:
+    """An array that lies in the file itself; how much of it is stored there `stored_rows` says.
+
+    kind    of its numbers
+    shape   as expected; None: of any length
+
+    Raises ValueError if it is missing, of another kind or shape, or packed in a way that is not read.
+    """
+    data = _member(file, name)
+    if not isinstance(data, h5py.Dataset) or data.external or data.is_virtual:
+        raise ValueError(f"{name} is not an array of this file")
+    found = data.shape
+    same = found is not None and len(found) == len(shape) and not any(map(_differs, shape, found))
+    if data.dtype != np.dtype(kind) or not same:
+        wanted = str(shape).replace("None", "any")
+        raise ValueError(f"{name} expects {np.dtype(kind)} {wanted}, got {data.dtype} {found}")
+    if _filters(data) not in ([], [h5py.h5z.FILTER_DEFLATE]):
+        raise ValueError(f"{name} is packed by something else than Deflate")
+    if data.chunks and (size := math.prod(data.chunks) * data.dtype.itemsize) > LARGEST_BLOCK:
+        raise ValueError(f"{name} is stored in blocks of {size} bytes, at most {LARGEST_BLOCK} are read")
+    return data
+
+
+def whole_array(
+    file: h5py.Group, name: str, kind: np.dtype | type | str, shape: tuple[int | None, ...]
+) -> h5py.Dataset:
+    """An array as `array` gives it; ValueError also if the file stores only a part of it."""
+    data = array(file, name, kind, shape)
+    if (stored := stored_rows(data)) < (claimed := data.shape[0] if shape else 1):
+        raise ValueError(f"{name} claims {claimed} rows, the file stores {stored}")
+    return data
+
+
+def stored_rows(data: h5py.Dataset) -> int:
+    """The rows of an array that its file has room for; one number is one row."""
+    rows, *row = data.shape or (1,)
+    bytes_stored = min(data.id.get_storage_size(), data.file.id.get_filesize())
+    unpacked = bytes_stored * (_DEFLATE if _filters(data) else 1)
+    rows = min(rows, unpacked // max(1, math.prod(row) * data.dtype.itemsize))
+    if data.chunks:
+        high, *block = data.chunks
+        blocks_a_row = math.prod(-(-side // length) for side, length in zip(row, block, strict=True))
+        rows = min(rows, data.id.get_num_chunks() // max(1, blocks_a_row) * high)
+    return rows
+
+
+def text(file: h5py.Group, name: str) -> str:
+    """One text among the attributes; ValueError if it is missing or something else."""
+    if name not in file.attrs or file.attrs.get_id(name).shape != ():
+        raise ValueError(f"it has no text {name}")
+    value = file.attrs[name]
+    if not isinstance(value, str):
+        raise ValueError(f"{name} is no text")
+    return value
+
+
+def _member(file: h5py.Group, name: str) -> h5py.Group | h5py.Dataset | h5py.Datatype:
+    *outside, last = name.split("/")
+    for step in outside:
+        file = group(file, step)
+    if not isinstance(file.get(last, getlink=True), h5py.HardLink):
+        raise ValueError(f"{name} is missing, or a link; expected it in this file")
+    return file[last]
+
+
+def _differs(wanted: int | None, found: int) -> bool:
+    return wanted not in (None, found)
+
+
+def _filters(data: h5py.Dataset) -> list[int]:
+    packing = data.id.get_create_plist()
+    return [packing.get_filter(i)[0] for i in range(packing.get_nfilters())]
