@@ -10,7 +10,7 @@ from exosight.mechanics.tree import Body
 from exosight.system.camera import Camera
 from exosight.system.description import VaryTable
 from exosight.system.schema import Channel
-from exosight.system.sensors import ContactForce, JointAngle, NetForce, Sensor
+from exosight.system.sensors import ContactForce, JointAngle, NetForce, PlaceZone, Sensor, SphereZone
 from exosight.system.surfaces import Surface, TubeSurface
 from exosight.system.system import System
 
@@ -109,11 +109,18 @@ def _sensors(sensors: Sequence[Sensor]) -> Table:
 def _measured(sensor: Sensor) -> str:
     match sensor:
         case ContactForce():
-            return f"{sensor.surface} {', '.join(map(str, sensor.spheres))}"
+            return f"{sensor.surface} {_zone(sensor.zone)}"
         case NetForce():
             return " + ".join(sensor.spec.parts)
         case JointAngle():
             return f"{sensor.body}, coordinate {sensor.coordinate}"
+
+
+def _zone(zone: SphereZone | PlaceZone) -> str:
+    """Numbers of spheres, or the distance along a tube."""
+    if isinstance(zone, SphereZone):
+        return ", ".join(map(str, zone.spheres))
+    return f"at {1e3 * float(zone.middle):.3g} mm"
 
 
 def _cameras(cameras: Sequence[tuple[str, Camera]]) -> Table:

@@ -20,7 +20,7 @@ from exosight.system.design import Design
 from exosight.system.designs import Filter
 from exosight.system.observation import Observation
 from exosight.system.schema import Channel, Schema, SensorSpec
-from exosight.system.sensors import ContactForce, JointAngle, NetForce
+from exosight.system.sensors import ContactForce, JointAngle, NetForce, SphereZone
 from exosight.system.surfaces import SphereSurface, TubeSurface
 from exosight.system.system import Actuator, Contact, System
 
@@ -55,7 +55,7 @@ def system_of(robot: Robot, finger: Finger, camera: Camera = NOMINAL_CAMERA) -> 
     links = [body.name for body in robot.bodies if body.name != ROD]
     names = [f"C{i}" for i in range(len(contact.second.frames))]
     zones = tuple(
-        ContactForce(SensorSpec(name, "contact force", "N", estimated=i > 0), "finger_spheres", (i,))
+        ContactForce(SensorSpec(name, "contact force", "N", estimated=i > 0), "finger_spheres", SphereZone((i,)))
         for i, name in enumerate(names)
     )
     hinges = tuple(
