@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from toy import SLOPE, controller
 
 from exosight.control import GuardConfig, Guarded, Measurement, Scheduled, State
-from exosight.control.estimator import Reading
+from exosight.control.estimator import Reading, read_one
 from exosight.errors import InputError
 
 TARGET = 0.3  # [N]
@@ -30,6 +31,14 @@ def reading(force: float, width: float = 0.01, ood_score: float = 0.3) -> Readin
     return Reading(
         forces, forces - half, forces + half, np.zeros((1, 7), np.float32), np.array([ood_score], np.float32)
     )
+
+
+def malformed(**fields) -> Reading:
+    """A reading whose fields nobody has checked."""
+    found = object.__new__(Reading)
+    for name, value in {**vars(reading(0.3)), **fields}.items():
+        object.__setattr__(found, name, value)
+    return found
 
 
 def picture(brightness: int) -> np.ndarray:
@@ -76,9 +85,9 @@ def test_with_good_frames_it_does_what_the_law_does():
 
 def test_a_score_above_its_limit_never_reads_as_the_limit():
     bench = Bench().settle()
-    bench.step(bench.good(reading=reading(0.3, ood_score=1.001)))
+    bench.step(bench.good(reading=reading(0.3, ood_score=1.0002)))
     assert bench.guarded.problem is not None
-    assert "score 1.01" in bench.guarded.problem.cause
+    assert "score 1.001" in bench.guarded.problem.cause
 
 
 def test_missed_periods_count_in_the_age_of_a_frame():
@@ -129,6 +138,50 @@ def test_bad_frames_hold_then_release_and_say_why(cause):
         bench.step(BAD[cause](bench))
     assert bench.u == 0.0
     assert [entry.after for entry in bench.guarded.log] == [State.HOLD, State.RELEASE]
+
+
+WRONG = {
+    "image": (None, "frame", [[0, 255]], np.zeros((4, 6)), np.zeros((4, 6, 3), np.uint8), picture(1)[:0]),
+    "reading": (
+        *("estimate", reading(0.3).forces, malformed(forces=None), malformed(forces=[0.3] * 7)),
+        *(malformed(low=np.zeros((1, 6), np.float32)), malformed(high=np.full((1, 7), 1j))),
+        *(malformed(ood_score=np.zeros((1, 1), np.float32)), malformed(contact="likely")),
+        malformed(forces=np.array([[None] * 7], object)),
+    ),
+    "age": (None, "now", [0.0], np.zeros(1), 1j, 10**400, math.nan),
+    "commands": (
+        3.0,
+        [3.0],
+        np.zeros(2),
+        np.zeros((1, 1)),
+        np.array(["3"]),
+        np.array([3j]),
+        np.array([None]),
+    ),
+}
+
+
+@pytest.mark.parametrize("field", WRONG)
+def test_a_measurement_of_another_shape_or_type_is_a_bad_frame(field):
+    for value in WRONG[field]:
+        bench = Bench().settle()
+        held = bench.u
+        for _ in range(2):
+            assert bench.step(bench.good(**{field: value})) == held
+        assert bench.state is State.HOLD, value
+        assert math.isnan(bench.good(**{field: value}).sum(CONFIG.weights)) == (field == "reading"), value
+    bench = Bench().settle()
+    for nothing in ("no measurement", [0.3] * 7):
+        bench.guarded.step(TARGET, nothing)
+    assert bench.state is State.HOLD
+
+
+def test_a_picture_that_is_none_is_not_read():
+    def read(images: np.ndarray) -> Reading:
+        raise InputError(f"images: expected others, got {images.shape}")
+
+    for image in (None, "picture", [[1]], np.zeros((4, 6)), picture(1)):
+        assert read_one(read, image) is None
 
 
 def test_one_lost_frame_costs_one_step():
@@ -245,20 +298,51 @@ anything = st.one_of(
 )
 
 
+floats = st.floats(allow_nan=True, allow_infinity=True)
+JUNK = st.one_of(
+    st.none(),
+    st.text(max_size=3),
+    st.binary(max_size=3),
+    st.lists(floats, max_size=8),
+    st.integers(-(2**70), 10**400),
+    st.complex_numbers(),
+    st.just(object()),
+    st.just(np.zeros((4, 6))),
+    st.just(np.full((4, 6), 1 + 1j)),
+    st.just(np.array([[None] * 6] * 4, object)),
+    st.just(np.array(["a"])),
+    st.just(np.full((1, 7), np.nan, np.float32)),
+    st.just(np.zeros((1, 6), np.float32)),
+    st.just(np.zeros((2, 7), np.float32)),
+    st.just(np.zeros((1, 7), bool)),
+    st.just(np.zeros((4, 6, 3), np.uint8)),
+    st.just(np.zeros((0, 6), np.uint8)),
+    st.just(np.zeros(0)),
+    st.just(np.array(0.3)),
+    st.just(np.zeros(2)),
+)
+"""What is no image, no estimate, no age and no commands: another type, shape, or number of sensors."""
+
+
 @st.composite
-def measurements(draw) -> Measurement:
+def measurements(draw) -> Any:
     """Anything at all, though often something that looks good."""
     image = draw(st.sampled_from([None, *(picture(k) for k in range(4)), np.zeros((4, 6), np.uint8)]))
     if draw(st.booleans()):
         answer = reading(draw(st.floats(0, 0.6)))
     elif draw(st.booleans()):
         answer = None
+    elif draw(st.booleans()):
+        answer = malformed(**{draw(st.sampled_from([*vars(reading(0.3))])): draw(JUNK)})
     else:
         rows = [np.array([draw(st.lists(anything, min_size=7, max_size=7))], np.float32) for _ in range(3)]
         answer = Reading(*rows, np.zeros((1, 7), np.float32), np.array([draw(anything)], np.float32))
-    age = draw(st.one_of(st.just(0.0), st.floats(allow_nan=True, allow_infinity=True)))
-    u = draw(st.one_of(st.none(), st.floats(allow_nan=True, allow_infinity=True)))
-    return Measurement(image, answer, age, None if u is None else np.array([u]))
+    age = draw(st.one_of(st.just(0.0), floats))
+    u = draw(st.one_of(st.none(), floats))
+    found = {"image": image, "reading": answer, "age": age, "commands": None if u is None else np.array([u])}
+    if draw(st.integers(0, 3)) == 0:
+        found[draw(st.sampled_from([*found]))] = draw(JUNK)
+    return draw(JUNK) if draw(st.integers(0, 9)) == 0 else Measurement(**found)
 
 
 targets = st.one_of(st.just(TARGET), st.just(0.0), st.floats(allow_nan=False, allow_infinity=False))
@@ -285,10 +369,12 @@ def test_nothing_seen_makes_it_leave_its_limits_or_its_states_without_cause(step
         assert CONFIG.u_min <= u <= CONFIG.u_max  # false for NaN too
         assert abs(u - before) <= CONFIG.step + ROUND_OFF
         # As the guard itself judges, from the outside: a frame without image or numbers is never good.
+        forces = getattr(getattr(measurement, "reading", None), "forces", None)
         seen = (
-            measurement.image is not None
-            and measurement.reading is not None
-            and np.isfinite(measurement.reading.forces).all()
+            isinstance(getattr(measurement, "image", None), np.ndarray)
+            and isinstance(forces, np.ndarray)
+            and forces.dtype.kind == "f"
+            and np.isfinite(forces).all()
         )
         if guarded.state is not state:
             entry = guarded.log[-1]

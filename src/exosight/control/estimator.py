@@ -57,14 +57,25 @@ class Reader(Protocol):
         ...
 
 
-def read_one(
-    read: Callable[[UInt8[np.ndarray, "1 height width"]], Reading], image: UInt8[np.ndarray, "height width"]
-) -> Reading | None:
-    """What a network reads off one image; None if it answers no finite number, which is no answer."""
+def is_frame(image: object) -> bool:
+    """Whether it is a gray image, uint8 (height, width), that is not empty."""
+    return isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.ndim == 2 and image.size > 0
+
+
+def read_one(read: Callable[[UInt8[np.ndarray, "1 height width"]], Reading], image: object) -> Reading | None:
+    """What a network reads off one image; None if it is no image, or not one of the network's, or if the
+    network answers no finite number, which is no answer."""
+    if not isinstance(image, np.ndarray) or not is_frame(image):
+        return None
     try:
         return read(image[None])
-    except DataError:
+    except (DataError, InputError):
         return None
+
+
+def shown_score(score: float | np.floating) -> float:
+    """An OOD score to three digits, as it is shown: one above the limit of 1 never reads as 1."""
+    return max(round(float(score), 3), 1.001) if score > 1 else round(float(score), 3)
 
 
 @dataclass(frozen=True)

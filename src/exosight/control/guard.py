@@ -17,14 +17,15 @@ import math
 from collections import deque
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Annotated
+from numbers import Real
+from typing import Annotated, Any
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as configuration
 
-from exosight.control.estimator import Reading
+from exosight.control.estimator import Reading, is_frame, shown_score
 from exosight.control.paths import ControllerConfig, limited
 from exosight.control.scheduled import RELEASED, Scheduled
 from exosight.errors import InputError
@@ -86,26 +87,25 @@ class GuardConfig:
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
-    """What was measured in one step; all of it may be missing or wrong.
+    """What was measured in one step; all of it may be missing or wrong, of any type: the guard judges it.
 
-    image    (height, width)  gray 0…255; None: no frame came
+    image    (height, width)  uint8 gray 0…255; None: no frame came
     reading  what the estimator read off it, one row; None: there is no estimate
     age      of the frame [s]
     commands (channels,)  that the plant reports with the frame [each in its unit]; None: it reports none
     """
 
-    image: UInt8[np.ndarray, "height width"] | None = None
-    reading: Reading | None = None
-    age: float = 0.0
-    commands: Float[np.ndarray, " channels"] | None = None
+    image: Any = None
+    reading: Any = None
+    age: Any = 0.0
+    commands: Any = None
 
     def sum(self, weights: Float[np.ndarray, " outputs"]) -> float:
-        """weights · outputs as they were read; NaN if nothing was."""
-        return (
-            math.nan
-            if self.reading is None
-            else float((self.reading.forces[0] * weights.astype(np.float32)).sum())
-        )
+        """weights · outputs as they were read; NaN if nothing was, or no such outputs."""
+        if not _is_reading(self.reading, len(weights)):
+            return math.nan
+        with np.errstate(all="ignore"):
+            return float((self.reading.forces[0] * weights.astype(np.float32)).sum())
 
 
 @dataclass(frozen=True)
@@ -174,11 +174,12 @@ class Guarded:
         self._frame_u = 0.0
 
     def step(
-        self, target: float | Float[np.ndarray, " outputs"], measurement: Measurement, missed: int = 0
+        self, target: float | Float[np.ndarray, " outputs"], measurement: object, missed: int = 0
     ) -> float:
         """The command of the coming step [the channel's unit].
 
         target    of the controlled sensor [its unit], or (outputs,) one for each estimated sensor
+        measurement   a Measurement; anything else is one without a frame
         missed    periods since the last step in which there was none, and u stayed
 
         Raises InputError if the target is no finite number.
@@ -186,6 +187,8 @@ class Guarded:
         if not np.isfinite(target).all():
             raise InputError(f"target: expected finite numbers, got {target}")
         goal = self.config.sum(target) if isinstance(target, np.ndarray) else float(target)
+        if not isinstance(measurement, Measurement):
+            measurement = Measurement()
         self._steps += 1
         self._inside += 1
         self._past.extend([self._past[-1]] * min(missed, _HISTORY))
@@ -229,17 +232,24 @@ class Guarded:
     def _fault(self, measurement: Measurement) -> Problem | None:
         """Why this frame is bad; None if it is not."""
         guard, image, reading = self.guard, measurement.image, measurement.reading
-        if image is None or image.size == 0:
+        if image is None:
             return Problem("no frame", "check that the camera is connected and used by no other program")
-        if not 0 <= measurement.age <= guard.max_age:
+        if not is_frame(image):
+            return Problem("a frame that is no gray image", "let the camera give 8-bit gray images")
+        age = _number(measurement.age)
+        if not 0 <= age <= guard.max_age:
             remedy = "use a camera or connection with less delay, or end other programs"
-            return Problem(f"a stale frame, {measurement.age:.2f} s old", remedy)
+            return Problem(f"a stale frame, {age:.2f} s old", remedy)
         if int(image.max()) - int(image.min()) < guard.min_contrast:
             return Problem("a black or blank frame", "uncover the lens, light the scene, check the exposure")
-        if self._is_frozen(image, self._command_at(measurement.age)):
+        driven, then = self.config.driven, self._command_at(age)
+        if self._is_frozen(image, then):
             remedy = "restart the camera, and check that the actuator moves the system"
             return Problem("a frozen frame, identical to the last", remedy)
-        driven, then = self.config.driven, self._command_at(measurement.age)
+        channels = len(self.config.schema.channels)
+        if measurement.commands is not None and not _is_array(measurement.commands, "fiu", (channels,)):
+            remedy = "let the plant report one number a channel, or none"
+            return Problem("the plant reports no commands of its channels", remedy)
         reported = self._reported(measurement)
         if reported is not None and not abs(reported - then) <= guard.max_command_error * driven.peak:
             at = f"{driven.name} = {reported:.2f} {driven.unit}"
@@ -247,9 +257,9 @@ class Guarded:
             return Problem(f"the plant reports {at}, not the command that was sent", remedy)
         if reading is None:
             return Problem("no estimate", _OTHER_NETWORK)
-        rows = np.concatenate([reading.forces, reading.low, reading.high])
-        if rows.shape != (3, len(self.config.weights)) or reading.ood_score.shape != (1,):
+        if not _is_reading(reading, len(self.config.weights)):
             return Problem("an estimate of another shape", _OTHER_NETWORK)
+        rows = np.concatenate([reading.forces, reading.low, reading.high])
         # NaN fails in each of these.
         if not (np.abs(rows) <= _LARGEST).all() or not (rows[1] <= rows[2]).all():
             return Problem("an estimate that is no valid reading", _OTHER_NETWORK)
@@ -331,5 +341,28 @@ class Guarded:
 
 
 def _score(reading: Reading) -> str:
-    """The OOD score, rounded up: one above the limit of 1 never reads as 1.00."""
-    return f"{np.ceil(100 * float(reading.ood_score[0])) / 100:.2f}"
+    return f"{shown_score(reading.ood_score[0]):.3f}"
+
+
+def _number(value: object) -> float:
+    """A number as it is, and NaN for whatever is none."""
+    try:
+        return float(value) if isinstance(value, Real) else math.nan
+    except OverflowError:
+        return math.nan
+
+
+def _is_array(value: object, kinds: str, shape: tuple[int, ...]) -> bool:
+    """Whether it is an array of such a shape and of numbers of one of these kinds, as NumPy names them."""
+    return isinstance(value, np.ndarray) and value.dtype.kind in kinds and value.shape == shape
+
+
+def _is_reading(value: object, outputs: int) -> bool:
+    """Whether it is what is read off one image, of so many outputs."""
+    return (
+        isinstance(value, Reading)
+        and all(
+            _is_array(row, "f", (1, outputs)) for row in (value.forces, value.low, value.high, value.contact)
+        )
+        and _is_array(value.ood_score, "f", (1,))
+    )

@@ -17,7 +17,7 @@ Sense = Callable[[Observation], Measurement]
 
 
 def measurement_from(estimator: Reader) -> Sense:
-    """Picture, estimate, interval and score; None for an estimate that is not finite."""
+    """Picture, estimate, interval and score; None for an estimate that is not finite, or of no picture."""
 
     def sense(observation: Observation) -> Measurement:
         reading = read_one(estimator.read, observation.image)
@@ -66,7 +66,8 @@ class _Driver:
         self._guarded.reset()
 
     def measure(self, observation: Observation) -> float:
-        self._measurement = self._sense(observation)
+        found: object = self._sense(observation)
+        self._measurement = found if isinstance(found, Measurement) else Measurement()
         return self._measurement.sum(self._guarded.config.weights)
 
     def next(self, target: float, measured: float) -> float:

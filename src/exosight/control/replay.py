@@ -1,6 +1,7 @@
 """A recording's frames through network and guard once more."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from exosight.control.estimator import Reading, read_one
 from exosight.control.guard import Guarded, Measurement
 from exosight.control.recording import STATES, Recording
 from exosight.control.scheduled import Scheduled
+from exosight.errors import DataError
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +42,9 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
     command = np.zeros(len(recording))
     for i, image in enumerate(recording.images()):
         measurement = Measurement()
+        if i == 0:
+            with suppress(DataError):
+                read(image[None])  # a size that the network does not take is no matter of single frames
         if recording.has_frame[i]:
             reading = read_one(read, image)
             if reading is not None:

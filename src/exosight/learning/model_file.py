@@ -17,6 +17,7 @@ import pydantic
 import pydantic_core
 
 from exosight.errors import DataError, InputError
+from exosight.files import read_file
 from exosight.learning.config import LONGEST_HISTORY
 from exosight.learning.intervals import LEVELS, Widths
 from exosight.system.schema import Channel, Schema, network_difference, schema_to_dict
@@ -38,6 +39,7 @@ Text = Annotated[str, pydantic.Field(max_length=10_000, pattern=r"^[^\x00-\x1f\x
 Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 Count = Annotated[int, pydantic.Field(ge=0, lt=2**63)]
 _WIDEST = 1e9  # expected errors
+_LARGEST_FILE = 2**31 - 1  # bytes: no protocol buffer is larger
 _LARGEST_CARD = 2**20  # letters; of 1024 sensors it has a third of it
 
 
@@ -149,12 +151,7 @@ def read_model(path: Path) -> bytes:
 
     Raises DataError if it is missing, truncated, or changed.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(
-            f"{path}: cannot be read ({error.strerror}); expected an exported ONNX estimator"
-        ) from error
+    data = read_file(path, _LARGEST_FILE, "expected an exported ONNX estimator")
     if seal(data[: -len(_SEAL_START) - 64]) != data:
         raise DataError(
             f"{path}: not an estimator that exosight exported, or truncated or changed; export it again"

@@ -45,7 +45,7 @@ def estimate(
         json: write the estimates as JSON to a new file, or to stdout with "-", instead of tables
     """
     check_json_target(json)
-    from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+    from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator, shown_score
     from exosight.vision.pictures import read_gray
 
     if not images:
@@ -64,17 +64,16 @@ def estimate(
             continue
         read = estimator.read(picture[None], level)
         rows, totals = _rows(schema, read), _totals(schema, read)
-        ood_score = round(float(read.ood_score[0]), 3)
+        ood_score = shown_score(read.ood_score[0])
         named = {f"{name}_{schema.sensor(name).unit}": total for name, total in totals.items()}
         found.append({"image": str(path), **named, "ood_score": ood_score, f"{kind(schema)}s": rows})
         if json is None:
             caption = f"{path}, {100 * level:g} % intervals"
             show(_table(schema, caption, rows, totals))
-            if read.ood_score[0] > 1:
-                score = np.ceil(100 * float(read.ood_score[0])) / 100  # above 1 it never reads as 1.00
+            if ood_score > 1:
                 say(
-                    f"do not trust these: the picture is out of distribution (OOD score {score:.2f}, trusted "
-                    "up to 1)"
+                    f"do not trust these: the picture is out of distribution (OOD score {ood_score:.3f}, "
+                    "trusted up to 1)"
                 )
     if json is not None:
         write_json({"level": level, "estimates": found, "failures": failures}, json)
