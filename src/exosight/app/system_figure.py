@@ -92,7 +92,7 @@ def _draw_zones(axes: Axes, system: System, robot: Robot, motion: Motion) -> Non
         _draw_spheres(axes, centre[None], np.array([size]), colour, 1.5)
         axes.annotate(
             zone.spec.name,
-            centre - [0, size],
+            (centre[0], centre[1] - size),
             xytext=(0, -4 - 9 * (number % 2)),  # neighbours may stand close
             textcoords="offset points",
             ha="center",

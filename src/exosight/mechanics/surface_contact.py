@@ -1,17 +1,17 @@
 """Contact of a soft tube with tapered solids: a traction t = k d n a length of the tube, for an overlap d.
 
-The tube is what spheres of its radius sweep along a rod's axis, round ends included; a solid is the convex hull
-of two spheres on a body's axis, whose distance has a closed form. The energy ∫ ½ k max(d, 0)² ds over the
-rod's arc length is integrated at its quadrature points, so refining the rod does not change the force. Normal
-forces only.
+The tube is what spheres of its radius sweep along a rod's axis, round ends included; a solid is the convex
+hull of two spheres on a body's axis, whose distance has a closed form. The energy ∫ ½ k max(d, 0)² ds over
+the rod's arc length is integrated at its quadrature points, so refining the rod does not change the force.
+Normal forces only.
 
-With axis x, s = (r₀ − r₁)/ℓ and ρ the distance from the axis, the place on the axis that is nearest to a point,
-seen along the normal of the surface, is t = x − s ρ/√(1 − s²), limited to [0, ℓ]; the distance from the surface is
-|p − (t, 0, 0)| − (r₀ − s t).
+With axis x, s = (r₀ − r₁)/ℓ and ρ the distance from the axis, the place on the axis that is nearest to a
+point, seen along the normal of the surface, is t = x − s ρ/√(1 − s²), limited to [0, ℓ]; the distance from
+the surface is |p − (t, 0, 0)| − (r₀ − s t).
 
-Solids that meet make an edge where they bend towards the tube. There a fillet of width w joins the two overlaps
-d₁ ≥ d₂ that are largest at a point, d = d₁ + w h²/4 with h = max(1 − (d₁ − d₂)/w, 0), and the force is shared by
-1 − h/2 and h/2; without it, poses at rest on the edge would have no derivative.
+Solids that meet make an edge where they bend towards the tube. There a fillet of width w joins the two
+overlaps d₁ ≥ d₂ that are largest at a point, d = d₁ + w h²/4 with h = max(1 − (d₁ − d₂)/w, 0), and the
+force is shared by 1 − h/2 and h/2; without it, poses at rest on the edge would have no derivative.
 """
 
 from typing import NamedTuple
@@ -46,6 +46,15 @@ FILLET = 0.02
 
 NOWHERE = 1e3
 """Stands for the distance [m] of what cannot touch."""
+
+
+def line_stiffness(young: float, poisson: float) -> float:
+    """π/4 · E/(1 − ν²): force a length and a depth of a long cylinder pressed on a flat rigid body [N/m²].
+
+    Source: V. L. Popov, Contact Mechanics and Friction (2010), section 5.2. It neglects that a line contact
+    also depends, by a logarithm, on how thick the body is.
+    """
+    return np.pi / 4 * young / (1 - poisson**2)
 
 
 class Tube(eqx.Module):
@@ -144,7 +153,7 @@ def contacts(
     cosine, sine = (away / distance)[..., None], (along / distance)[..., None]
     normal, tangent = sine * axis + cosine * outward, cosine * axis - sine * outward
 
-    def largest(of: Array) -> Touch:
+    def largest(of: Float[AnyArray, "points solids"]) -> Touch:
         most = of == jnp.max(of, axis=1, keepdims=True)
         which = jnp.where(most & (jnp.cumsum(most, axis=1) == 1), 1.0, 0.0)
         single = [jnp.sum(which * values, axis=1) for values in (of, place, distance)]
@@ -158,9 +167,7 @@ def contacts(
     second = largest(jnp.where(first.which > 0, -NOWHERE, overlap))
     width = _width(solids)
     near = jnp.maximum(1 - (first.overlap - second.overlap) / width, 0.0)
-    return Contacts(
-        (first, second), (1 - 0.5 * near, 0.5 * near), first.overlap + 0.25 * width * near**2
-    )
+    return Contacts((first, second), (1 - 0.5 * near, 0.5 * near), first.overlap + 0.25 * width * near**2)
 
 
 def _width(solids: Solids) -> Float[Array, ""]:
@@ -186,7 +193,7 @@ class SolidContact(Term):
         points = pose[self.first.frames(tree), :3, 3]
         return contacts(self.second, pose[self.second.index(tree)], points, self.first.radius)
 
-    def pressure(self, tree: Tree, at: Contacts) -> Float[Array, " points"]:
+    def pressure(self, tree: Tree, at: Contacts) -> Float[AnyArray, " points"]:
         """The force on each point, all solids together [N]."""
         return self.stiffness * self.first.lengths(tree) * jnp.maximum(at.overlap, 0.0)
 
@@ -212,9 +219,9 @@ class SolidContact(Term):
     def bind(self, tree: Tree) -> Bound:
         """The energy depends on the motion of each point against its solids.
 
-        With the twists p of a point and c of a solid, exp(c)⁻¹ exp(p) ≈ exp(p − c − ½ [c, p]), so by p − c the
-        stiffness S is that of a point at rest, and p and c are coupled by −(S + ½ C(W)) for its wrench W; two
-        solids of one point by the product of their wrenches.
+        With the twists p of a point and c of a solid, exp(c)⁻¹ exp(p) ≈ exp(p − c − ½ [c, p]), so by p − c
+        the stiffness S is that of a point at rest, and p and c are coupled by −(S + ½ C(W)) for its wrench
+        W; two solids of one point by the product of their wrenches.
         """
         a, b = self.first.frames(tree), self.second.index(tree)
         move_a, move_b = tree.moving(a), tree.moving(b)

@@ -1,21 +1,21 @@
 """Contact of two soft tubes, or of one tube with itself: a traction t = k d n a length, for an overlap d.
 
-Each point of the first tube carries a sphere of the tube's radius there; the second tube is what spheres sweep
-along a curve through its rod's points: cubic Hermite pieces with the directions of the cross-sections' normals
-and, for the radius, the slopes of parabolas. So its surface has no edges, and the distance
+Each point of the first tube carries a sphere of the tube's radius there; the second tube is what spheres
+sweep along a curve through its rod's points: cubic Hermite pieces with the directions of the cross-
+sections' normals and, for the radius, the slopes of parabolas. So its surface has no edges, and the
+distance
 
     f = min over t of |p − c(t)| − r(t)
 
-is as smooth as the curve wherever the closest place t is unique. With n = (p − c)/|p − c|, the derivative of f is
-n · (δp − δc) at fixed t, and the second one follows from that of t, f_tt δt = −δf_t.
+is as smooth as the curve wherever the closest place t is unique. With n = (p − c)/|p − c|, the derivative
+of f is n · (δp − δc) at fixed t, and the second one follows from that of t, f_tt δt = −δf_t.
 
-A rod touches itself between places further apart along it than FAR times the sum of their radii; each point looks
-towards the tip, where a rod that curls up is convex as seen from its base.
+A rod touches itself between places further apart along it than FAR times the sum of their radii; each point
+looks towards the tip, where a rod that curls up is convex as seen from its base.
 """
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
@@ -38,7 +38,7 @@ from exosight.mechanics.term import (
 from exosight.mechanics.tree import Tree
 
 FAR = 1.9
-"""A fifth more than a quarter turn: as close as a rod comes to itself without being bent sharper than its radius."""
+"""A fifth more than a quarter turn: closer, a rod would be bent sharper than its own radius."""
 
 NEWTON_STEPS = 4
 """From a secant, each squares the error of the closest place: 1e-2, 1e-4, 1e-8, 1e-16 of a piece."""
@@ -101,7 +101,9 @@ class TubeContact(Term):
         nodes = pose[self.second.frames(tree)]
         return self._closest(tree, pose[self.first.frames(tree), :3, 3], nodes[:, :3, 3], nodes[:, :3, 0])
 
-    def forces(self, tree: Tree, pose: Float[Array, "frames 4 4"]) -> tuple[Float[Array, "points 3"], Closest]:
+    def forces(
+        self, tree: Tree, pose: Float[Array, "frames 4 4"]
+    ) -> tuple[Float[AnyArray, "points 3"], Closest]:
         """The force on the first tube at each of its points, in the world [N], and where it acts."""
         at = self.closest(tree, pose)
         push = self.stiffness * self.first.lengths(tree) * jnp.maximum(at.overlap, 0.0)
@@ -153,11 +155,13 @@ class TubeContact(Term):
             for node in range(2):
                 of_node = (at.piece[:, None] + node == np.arange(len(b))) & may_touch
                 share = weights[:, node, None]
-                on_node = jnp.concatenate(
-                    [jnp.cross(levers[:, node], force), share * force], axis=1
-                )
-                blocks = jnp.ones((len(a), 6, 6)).at[:, 3:, :3].set(share[..., None]).at[:, :3, 3:].set(
-                    share[..., None]
+                on_node = jnp.concatenate([jnp.cross(levers[:, node], force), share * force], axis=1)
+                blocks = (
+                    jnp.ones((len(a), 6, 6))
+                    .at[:, 3:, :3]
+                    .set(share[..., None])
+                    .at[:, :3, 3:]
+                    .set(share[..., None])
                 )
                 bent = point_stiffness(levers[:, node], force) * blocks
                 chosen = jnp.where(of_node, 1.0, 0.0)
@@ -186,7 +190,9 @@ class TubeContact(Term):
             columns = jnp.concatenate([normal, *jnp.unstack(aside, axis=1), slid])
             factors = jnp.concatenate([touching, -bend, -bend, -bend, follows])
             block = _weighted_squares(columns, factors)
-            whole = spread(spread(block, tuple(moving.tolist()), tree.dofs).T, tuple(moving.tolist()), tree.dofs)
+            whole = spread(
+                spread(block, tuple(moving.tolist()), tree.dofs).T, tuple(moving.tolist()), tree.dofs
+            )
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(weight * jnp.maximum(at.overlap, 0.0) ** 2),
                 wrench=wrench,
@@ -225,9 +231,7 @@ class TubeContact(Term):
         piece = jnp.clip(best - 1, 0, last - 1)
         free = (best > 0) & (best <= last)
         long = jnp.concatenate([spacing, jnp.zeros(1)])
-        table = jnp.concatenate(
-            [node, direction, radius[:, None], slope[:, None], long[:, None]], axis=1
-        )
+        table = jnp.concatenate([node, direction, radius[:, None], slope[:, None], long[:, None]], axis=1)
         start, end = _row(table, piece), _row(table, piece + 1)
         length = start[:, 8]
         both = jnp.stack([start, end], axis=1)
@@ -245,7 +249,7 @@ class TubeContact(Term):
         overlap = jnp.where(exists, self.first.radius + thick - distance, -NOWHERE)
         return Closest(exists, piece, t, free, overlap, distance, between / distance[:, None], nodes)
 
-    def _far(self, tree: Tree) -> Bool[Array, "points nodes"]:
+    def _far(self, tree: Tree) -> Bool[AnyArray, "points nodes"]:
         """Whether places of one rod are far enough apart along it; all of two rods are."""
         if self.first.rod != self.second.rod:
             return jnp.ones((len(self.first.frames(tree)), len(self.second.frames(tree))), bool)
@@ -263,7 +267,7 @@ def _may_touch(contact: TubeContact, tree: Tree) -> Bool[np.ndarray, "points nod
     return np.triu(np.ones(shape, bool), 1) if own else np.ones(shape, bool)
 
 
-def _row(table: Float[Array, "rows *columns"], number: Int[Array, " points"]) -> Float[Array, "points *columns"]:
+def _row(table: Float[Array, "nodes ..."], number: Int[Array, " points"]) -> Float[Array, "points ..."]:
     """The rows with these numbers, which lie inside."""
     return table.at[number].get(mode="promise_in_bounds")
 

@@ -7,7 +7,7 @@ Structures of that interface: xla/ffi/api/c_api.h, version 0.3.
 """
 
 import ctypes
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from typing import Any, TypeAlias

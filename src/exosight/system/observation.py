@@ -86,18 +86,14 @@ def contact_forces(system: System, robot: Robot, motion: Motion) -> dict[str, Su
     }
 
 
-def _on_spheres(
-    term: SphereContact, robot: Robot, motion: Motion
-) -> tuple[SurfaceForces, SurfaceForces]:
+def _on_spheres(term: SphereContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
     first, second = (
         SurfaceForces(force, jnp.arange(float(len(force)))) for force in term.forces(robot, motion.position)
     )
     return first, second
 
 
-def _on_solids(
-    term: SolidContact, robot: Robot, motion: Motion
-) -> tuple[SurfaceForces, SurfaceForces]:
+def _on_solids(term: SolidContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
     """Every point with each of the two solids that it may touch; distances along the chain of solids."""
     at = term.contacts(robot, motion.pose)
     length = jnp.asarray(term.second.length)
@@ -111,9 +107,7 @@ def _on_solids(
     return SurfaceForces(force, jnp.concatenate([along, along])), SurfaceForces(-force, place)
 
 
-def _on_tubes(
-    term: TubeContact, robot: Robot, motion: Motion
-) -> tuple[SurfaceForces, SurfaceForces]:
+def _on_tubes(term: TubeContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
     force, at = term.forces(robot, motion.pose)
     nodes = _along(term.second.rod, robot)
     place = nodes[at.piece] + at.t * (nodes[at.piece + 1] - nodes[at.piece])

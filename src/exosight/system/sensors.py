@@ -22,8 +22,8 @@ class SurfaceForces(NamedTuple):
     place   (forces,)     where each acts: a sphere's number, or the distance along a tube [m]
     """
 
-    force: Float[Array, "forces 3"]
-    place: Float[Array, " forces"]
+    force: Float[AnyArray, "forces 3"]
+    place: Float[AnyArray, " forces"]
 
 
 class SensorInput(NamedTuple):
@@ -49,7 +49,7 @@ class SphereZone(eqx.Module):
 
     spheres: tuple[int, ...] = eqx.field(static=True)
 
-    def weights(self, place: Float[Array, " forces"]) -> Float[Array, " forces"]:
+    def weights(self, place: Float[AnyArray, " forces"]) -> Float[Array, " forces"]:
         """The share of each force that acts on the zone."""
         return jnp.isin(place, jnp.array(self.spheres, float)).astype(float)
 
@@ -69,7 +69,7 @@ class PlaceZone(eqx.Module):
         """That of this zone [m]."""
         return jnp.asarray(self.middles)[self.number]
 
-    def weights(self, place: Float[Array, " forces"]) -> Float[Array, " forces"]:
+    def weights(self, place: Float[AnyArray, " forces"]) -> Float[Array, " forces"]:
         """The share of each force that acts on the zone; those of all zones sum to one."""
         middles = jnp.asarray(self.middles)
         return jnp.interp(place, middles, jnp.eye(len(middles))[self.number])

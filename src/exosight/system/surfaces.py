@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from exosight.arrays import AnyArray, floats
+from exosight.arrays import AnyArray
 from exosight.mechanics.contact import Spheres
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.link import Link
@@ -61,8 +61,7 @@ class TubeSurface(eqx.Module):
         body = tree[self.nodes[0][0]]
         if isinstance(body, Rod):
             return jnp.asarray(body.length * body.quadrature.points)
-        lengths = [link.length for link in self._links(tree)]
-        return jnp.concatenate([jnp.zeros(1), jnp.cumsum(jnp.stack([jnp.asarray(x) for x in lengths]))])
+        return jnp.cumsum(jnp.stack([jnp.zeros(()), *(jnp.asarray(x.length) for x in self._links(tree))]))
 
     def contact_side(self, tree: Tree) -> Tube | Solids:
         """The surface as mechanics knows it: around a rod, or tapered solids."""
@@ -72,7 +71,7 @@ class TubeSurface(eqx.Module):
         radius = jnp.asarray(self.radius)
         return Solids(
             tuple((link.name, 0) for link in self._links(tree)),
-            floats([link.length for link in self._links(tree)]),
+            jnp.stack([jnp.asarray(link.length) for link in self._links(tree)]),
             jnp.stack([radius[:-1], radius[1:]], axis=1),
         )
 
@@ -93,9 +92,7 @@ class TubeSurface(eqx.Module):
 Surface = SphereSurface | TubeSurface
 
 
-def zone_middle(
-    zone: ContactForce, surface: Surface, robot: Robot, motion: Motion
-) -> Float[Array, "3"]:
+def zone_middle(zone: ContactForce, surface: Surface, robot: Robot, motion: Motion) -> Float[Array, "3"]:
     """The middle of a zone, on its surface's axis [m]."""
     match zone.zone, surface:
         case SphereZone(spheres), SphereSurface():

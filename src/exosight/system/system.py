@@ -12,8 +12,8 @@ from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.robot import Robot
-from exosight.mechanics.term import Term
 from exosight.mechanics.surface_contact import SolidContact, Solids, Tube
+from exosight.mechanics.term import Term
 from exosight.mechanics.tree import Body, Tree
 from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.camera import Camera
@@ -52,8 +52,8 @@ def _contact_term(contact: Contact, surfaces: Mapping[str, Surface], tree: Tree)
             case Tube() as tube, Tube() as other:
                 return TubeContact(tube, other, contact.stiffness)
     raise InputError(
-        f"contact {contact.name}: expected two surfaces of spheres, or two tubes of which the first is around a "
-        f"rod, got {contact.first} and {contact.second}"
+        f"contact {contact.name}: expected two surfaces of spheres, or two tubes, one of them around a rod, "
+        f"got {contact.first} and {contact.second}"
     )
 
 
@@ -64,14 +64,15 @@ def _check_zone(sensor: ContactForce, surface: Surface) -> None:
             count = len(surface.spheres.frames)
             if not spheres or not all(0 <= i < count for i in spheres):
                 raise InputError(
-                    f"sensor {sensor.spec.name}: expected spheres 0…{count - 1} of {surface.name}, got {spheres}"
+                    f"sensor {sensor.spec.name}: expected spheres 0…{count - 1} of {surface.name}, got "
+                    f"{spheres}"
                 )
         case PlaceZone(), TubeSurface():
             return
         case _:
             raise InputError(
-                f"sensor {sensor.spec.name}: expected spheres of a surface of spheres, or a place along a tube; "
-                f"{surface.name} is neither"
+                f"sensor {sensor.spec.name}: expected spheres of a surface of spheres, or a place along a "
+                f"tube; {surface.name} is neither"
             )
 
 
