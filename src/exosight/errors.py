@@ -8,6 +8,9 @@ ExosightError
 The command line turns each of them into one sentence on stderr and exit code 2.
 """
 
+_LONGEST = 1500
+"""Characters of a message, whatever it quotes."""
+
 
 def printable(text: str) -> str:
     """Text of unknown origin as a terminal may show it: control characters are written out."""
@@ -15,10 +18,11 @@ def printable(text: str) -> str:
 
 
 class ExosightError(Exception):
-    """Base of everything exosight raises on purpose; its message is one printable line."""
+    """Base of everything exosight raises on purpose; its message is one printable line of bounded length."""
 
     def __init__(self, message: object = "") -> None:
-        super().__init__(printable(" ".join(str(message).split())))
+        text = printable(" ".join(str(message).split()))
+        super().__init__(text if len(text) <= _LONGEST else f"{text[: _LONGEST - 1]}…")
 
 
 class InputError(ExosightError, ValueError):

@@ -1,17 +1,22 @@
 """Reading files of unknown origin; writing one whole or not at all; versions; CSV text."""
 
 import csv
+import errno
 import io
 import math
 import os
+import shutil
 import stat
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
 from exosight.errors import DataError
+
+FULL = (errno.ENOSPC, errno.EDQUOT)
+"""Errors of a disk, or of one's share of it, that is full."""
 
 
 def open_file(path: Path, expected: str) -> io.BufferedReader:
@@ -54,8 +59,7 @@ def write_new_file(path: Path, content: bytes) -> None:
 
     Raises DataError if the file exists or cannot be written.
     """
-    if path.exists():
-        raise DataError(f"{path} exists and is not overwritten; choose another folder")
+    check_absent(path)
     replace_file(path, content)
 
 
@@ -65,18 +69,15 @@ def new_file(path: Path) -> Iterator[Path]:
 
     Raises DataError if the file exists or cannot be written.
     """
-    if path.exists():
-        raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
-    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
+    check_absent(path)
     try:
-        yield part
-        os.replace(part, path)
+        with unfinished(path) as part:
+            yield part
+            os.replace(part, path)
+    except DataError:
+        raise
     except OSError as error:
-        if isinstance(error, DataError):
-            raise
-        raise DataError(f"{path} could not be written: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
+        raise write_error(path, error) from error
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -87,22 +88,71 @@ def replace_file(path: Path, content: bytes) -> None:
 
     Raises DataError if the file cannot be written.
     """
-    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
     try:
-        with part.open("xb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, path)
+        with unfinished(path) as part:
+            with part.open("xb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            os.replace(part, path)
         folder = os.open(path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)  # the new name itself
         finally:
             os.close(folder)
     except OSError as error:
-        raise DataError(f"{path} could not be written: {error.strerror or error}") from error
+        raise write_error(path, error, len(content)) from error
+
+
+def check_absent(path: Path) -> None:
+    """Raise DataError if there is a file of this name: none is overwritten."""
+    if path.exists():
+        raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
+
+
+def write_error(path: Path, error: Exception, needed: int | None = None) -> DataError:
+    """Why a file could not be written, as one sentence; of a full disk also what is missing.
+
+    needed   bytes that were to be written, if that is known
+    """
+    text = f"{path}: cannot be written ({getattr(error, 'strerror', None) or error}"
+    if getattr(error, "errno", None) not in FULL:
+        return DataError(f"{text}); name a place that can be written")
+    wanted = "" if needed is None else f", {needed / 1e6:.1f} MB needed"
+    free = shutil.disk_usage(path.parent).free
+    return DataError(
+        f"{text}{wanted}, {free / 1e6:.1f} MB free); make room and run the same command again, "
+        "with --resume where it has one"
+    )
+
+
+_PARTS: set[Path] = set()
+
+
+@contextmanager
+def unfinished(path: Path) -> Iterator[Path]:
+    """A hidden name beside that of a file or folder, to be renamed when it is whole; else nothing is left."""
+    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
+    _PARTS.add(part)
+    try:
+        yield part
     finally:
-        part.unlink(missing_ok=True)
+        _discard(part)
+        _PARTS.discard(part)
+
+
+def discard_unfinished() -> None:
+    """Leave nothing of what this process has not finished, before it is ended in the middle of its work."""
+    for part in list(_PARTS):
+        _discard(part)
+
+
+def _discard(part: Path) -> None:
+    if part.is_dir():
+        shutil.rmtree(part, ignore_errors=True)
+    else:
+        with suppress(OSError):  # where it could not be made, that is what is to be told
+            part.unlink(missing_ok=True)
 
 
 def check_format(path: Path, what: str, found: object, reads: int, remedy: str) -> None:

@@ -5,9 +5,11 @@ elsewhere; a shape is a promise that costs its writer nothing. All of it is chec
 """
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BufferedIOBase
+from io import BufferedIOBase, BufferedReader
+from typing import Any
 
 import h5py
 import numpy as np
@@ -16,6 +18,10 @@ from exosight.errors import DataError
 
 LARGEST_BLOCK = 2**28
 """Largest part of an array that is unpacked at once [bytes]."""
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n\x03"
+_SUPERBLOCK = 44  # bytes, before its checksum
+_MARK, _SIZE = 11, slice(28, 36)  # where it says that the file is open, and how long it is
 
 _DEFLATE = 1032
 """At most this many times smaller an array gets by Deflate."""
@@ -44,6 +50,54 @@ def opened(content: BufferedIOBase, name: object, what: str) -> Iterator[h5py.Fi
         ArithmeticError,
     ) as error:
         raise DataError(f"{name}: damaged, or not {what} ({error})") from error
+
+
+class _Closed(BufferedReader):
+    """A file whose first bytes are others."""
+
+    head = b""
+
+    def readinto(self, buffer: Any) -> int:
+        start, count = self.tell(), super().readinto(buffer)
+        changed = self.head[start : start + count]
+        memoryview(buffer).cast("B")[: len(changed)] = changed
+        return count
+
+
+def as_closed(content: BufferedReader) -> BufferedReader:
+    """A file that is taken over, with a head as of a closed one, if its writer was killed.
+
+    HDF5's own way to open such a file (SWMR) waits without end where it is damaged as well.
+    Source: HDF5 File Format Specification 3.0, superblock version 3.
+    """
+    found = _Closed(content.detach())
+    head = bytearray(found.read(_SUPERBLOCK))
+    if head[:9] == _SIGNATURE and len(head) == _SUPERBLOCK and head[_MARK]:
+        head[_MARK] = 0
+        head[_SIZE] = found.seek(0, os.SEEK_END).to_bytes(8, "little")  # which only closing updates
+        found.head = bytes(head) + _lookup3(bytes(head)).to_bytes(4, "little")
+    return found
+
+
+def _lookup3(data: bytes) -> int:
+    """Checksum of metadata in HDF5: hashlittle of Bob Jenkins's lookup3, of 13 bytes or more."""
+
+    def rotated(x: int, bits: int) -> int:
+        return (x << bits | x >> (32 - bits)) & 0xFFFFFFFF
+
+    a = b = c = 0xDEADBEEF + len(data)
+    for start in range(0, len(data), 12):
+        block = data[start : start + 12].ljust(12, b"\0")
+        a, b, c = (
+            (x + int.from_bytes(block[i : i + 4], "little")) & 0xFFFFFFFF
+            for x, i in zip((a, b, c), (0, 4, 8), strict=True)
+        )
+        if start + 12 < len(data):
+            for bits in (4, 6, 8, 16, 19, 4):
+                a, b, c = b, (c + b) & 0xFFFFFFFF, ((a - c) & 0xFFFFFFFF) ^ rotated(c, bits)
+    for bits in (14, 11, 25, 16, 4, 14, 24):
+        a, b, c = b, ((c ^ b) - rotated(b, bits)) & 0xFFFFFFFF, a
+    return b
 
 
 def group(file: h5py.Group, name: str) -> h5py.Group:

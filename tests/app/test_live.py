@@ -20,6 +20,7 @@ from exosight.control import (
     Guarded,
     Measurement,
     Scheduled,
+    State,
     sources,
     tuning,
 )
@@ -138,9 +139,25 @@ def test_the_log_says_the_state_its_reason_and_what_was_missed(known: Controller
     assert "holds: a black or blank frame" in lines
     assert "releases: a black or blank frame" in lines
     assert "loads slowly: until enough frames in a row were good" in lines
-    assert "; 1 periods missed" in lines
+    assert "; missed periods: 1" in lines
     assert "10 of 30 periods of 100 ms were missed, as steps took 200 ms (median)" in log.end()
     assert log.summary()["missed_periods"] == 10
+
+
+def test_periods_missed_at_the_end_are_counted_too(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def overrun(source, read, guarded, actuator, target, done) -> int:
+        problem, times = guarded.problem, np.full(4, 0.2)
+        for i in range(2):
+            done(Step(float(i), 0.2, Measurement(), None, 0.0, State.NORMAL, "", times, 0.0, problem, 2 * i))
+        return 3
+
+    monkeypatch.setattr(live, "run_live", overrun)
+    main(["live", "--source", str(folder), "--json", str(tmp_path / "run.json")])
+    assert json.loads((tmp_path / "run.json").read_text())["missed_periods"] == 5
+    told = " ".join(capsys.readouterr().err.split())
+    assert "5 of 7 periods of 100 ms were missed, as steps took 800 ms (median)" in told
 
 
 @pytest.mark.parametrize("content", [None, "not a picture"])
@@ -200,7 +217,7 @@ def test_a_stop_lets_go_first(
         assert signal.getsignal(kind) is before
     finally:
         signal.signal(signal.SIGINT, outside)
-    assert end.value.code == 130
+    assert end.value.code == 128 + kind
     assert "u is back at 0 N after 8 steps" in capsys.readouterr().err
     told = read_recording(tmp_path / "run.h5")
     assert len(told) >= 7  # the eighth may have been on its way to the file

@@ -316,6 +316,40 @@ def test_image_of_the_wrong_size_is_refused(
     assert "camera camera: expected width 128, got 24" in shipped
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("study --out NEW --config PIPE", "PIPE: cannot be read (a device or a pipe); expected a study's"),
+        ("study --out NEW --config DEEP", "DEEP: not the configuration of a study"),
+        (
+            "export --path PIPE --out NEW.npz",
+            "PIPE: cannot be read (a device or a pipe); expected a simulated",
+        ),
+        ("estimate PIPE", "PIPE: cannot be read (a device or a pipe); expected a picture"),
+        ("estimate PICTURE --model PIPE", "PIPE: cannot be read (a device or a pipe); expected an exported"),
+        ("replay PIPE", "PIPE: cannot be read (a device or a pipe); expected a recording"),
+        ("system show PIPE.toml", "PIPE.toml: cannot be read (a device or a pipe)"),
+        ("control --out DEEP/x", "DEEP/x: cannot be made (Not a directory); name another folder"),
+        ("evaluate --data DATA --model MODEL --out DEEP/x", "DEEP/x: cannot be made (Not a directory)"),
+        ("replay", "expected FILE, got none; see exosight replay --help"),
+        ("system", "expected {list,show,new,check}, got none; see exosight system --help"),
+    ],
+)
+def test_pipes_nested_files_and_places_within_files_are_refused_in_a_sentence(
+    refused: Refused, data: Path, run_folder: Path, tmp_path: Path, words: str, said: str
+) -> None:
+    """None of them waits for whoever writes to a pipe."""
+    for name in ("pipe", "pipe.toml"):
+        os.mkfifo(tmp_path / name)
+    (tmp_path / "deep").write_text("[" * 100_000)
+    places = {"PIPE": "pipe", "DEEP": "deep", "NEW": "new"}
+    known = {"DATA": data, "MODEL": run_folder / "model.onnx", "PICTURE": "docs/images/camera.png"}
+    for name, place in {**{k: tmp_path / v for k, v in places.items()}, **known}.items():
+        words, said = words.replace(name, str(place)), said.replace(name, str(place))
+    assert said in refused(*words.split())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["deep", "pipe", "pipe.toml"]
+
+
 def test_too_few_shapes_for_a_split_are_refused(
     refused: Refused, make_dataset: Callable[..., Path], tmp_path: Path
 ) -> None:

@@ -72,7 +72,7 @@ def test_wrong_use_is_refused_in_a_sentence(tmp_path: Path, refused: Refused) ->
         (("check",), "expected a preset or a file after it"),
         (("list", "published"), "expected no name"),
         (("check", "published", "--plot", tmp_path / "a.png"), "--plot: it has no effect with check"),
-        (("show", "published", "--plot", tmp_path / "a.pdf"), "expected a file *.png"),
+        (("show", "published", "--plot", tmp_path / "a.txt"), "expected a file *.png, *.pdf, *.svg"),
         (("new", tmp_path / "a.txt"), "expected a file *.toml"),
         (("erase", "a.toml"), "expected one of 'list', 'show', 'new', 'check'"),
     ):

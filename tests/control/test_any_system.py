@@ -24,7 +24,8 @@ from exosight.control import (
 from exosight.control.batch import BatchPlant, Joints
 from exosight.control.estimator import DEFAULT_MODEL
 from exosight.control.realtime import Clock, Step, run_live
-from exosight.control.recording import Recorder, read_recording, replay
+from exosight.control.recording import Recorder, read_recording
+from exosight.control.replay import replay
 from exosight.control.scheduled import RELEASED
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.simulated_device import SimulatedDevice

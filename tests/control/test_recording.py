@@ -177,45 +177,94 @@ def test_a_killed_process_leaves_its_whole_seconds(tmp_path: Path, straight_conf
     np.testing.assert_array_equal(told.command, [step.command for step in steps[:40]])
 
 
-FULL_DISK = """
-import resource, signal, sys
+CHILD = """
+import os, resource, signal, sys, time
 from pathlib import Path
 import numpy as np
 from toy import controller
 from exosight.control import Guarded, Scheduled, Measurement, State
 from exosight.control.realtime import Step
-from exosight.control.recording import Recorder
+from exosight.control.recording import Recorder, read_recording
 from exosight.errors import DataError
 
-recorder = Recorder(Path(sys.argv[1]), (128, 128), Guarded(Scheduled(controller())), Path(sys.argv[2]))
+path = Path(sys.argv[1])
+
+def record(told, side=128):
+    recorder = Recorder(path, (side, side), Guarded(Scheduled(controller())), Path(sys.argv[2]))
+    rng = np.random.default_rng(0)
+    try:
+        for i in range(20000):
+            measurement = Measurement(rng.integers(1, 256, (side, side), dtype=np.uint8))
+            recorder.append(Step(i / 10, 0.2, measurement, None, 0.0, State.NORMAL, "", np.zeros(4), 0.0))
+            if i % 10 == 9:
+                told(i + 1)
+    finally:
+        recorder.close()
+
+def is_whole(steps):
+    found = read_recording(path)
+    assert len(found) >= steps, (len(found), steps)
+    assert np.array_equal(found.time, np.arange(len(found)) / 10)
+    assert all(image.any() for image in found.images())
+"""
+
+FULL_DISK = """
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (400_000, 400_000))
-rng = np.random.default_rng(0)
-try:
-    for i in range(100):
-        measurement = Measurement(rng.integers(0, 256, (128, 128), dtype=np.uint8))
-        recorder.append(Step(i / 10, 0.2, measurement, None, 0.0, State.NORMAL, "", np.zeros(4), 0.0))
-except DataError as error:
-    print("told:", error)
-try:
-    recorder.close()
-except DataError:
-    pass
+for most in (100_000, 300_000, 2_000_000):
+    flushed = [0]
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most, resource.RLIM_INFINITY))
+    try:
+        record(flushed.append)
+    except DataError as error:
+        print(error)
+    if path.exists():
+        is_whole(flushed[-1])
+        path.unlink()
+    assert not list(path.parent.iterdir())
+print("rows", flushed[-1])
+"""
+
+KILLED = """
+for pause in np.random.default_rng(1).uniform(0.05, 0.2, 40):
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        record(lambda steps: os.write(write, steps.to_bytes(4)), side=1)
+    os.close(write)
+    flushed = os.read(read, 4)  # until then the file has no name
+    time.sleep(pause)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    while more := os.read(read, 4):
+        flushed = more
+    is_whole(int.from_bytes(flushed))
+    path.unlink()
 """
 
 
-def test_a_full_disk_is_told_of_once(tmp_path: Path) -> None:
-    """A limit on the size of files stands in for the disk: writing fails in the same way."""
+def child(program: str, tmp_path: Path) -> str:
+    """What a program prints that records in a process of its own."""
     done = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, str(tmp_path / "run.h5"), __file__],
+        [sys.executable, "-c", CHILD + program, str(tmp_path / "run.h5"), __file__],
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},  # `toy` lies beside the tests
         capture_output=True,
         text=True,
         timeout=120,
     )
     assert done.returncode == 0, done.stderr
-    assert done.stdout.count("told:") == 1
-    assert "run.h5: cannot be written" in done.stdout
+    return done.stdout
+
+
+def test_a_full_disk_is_told_of_once_and_keeps_what_was_written(tmp_path: Path) -> None:
+    """A limit on the size of files stands in for the disk: at the start, in the first second, and later."""
+    *told, rows = child(FULL_DISK, tmp_path).splitlines()
+    assert len(told) == 3
+    assert all("run.h5: cannot be written (File too large)" in line for line in told)
+    assert int(rows.removeprefix("rows ")) > 50
+
+
+def test_a_kill_in_the_middle_of_writing_keeps_every_flushed_second(tmp_path: Path) -> None:
+    child(KILLED, tmp_path)
 
 
 @pytest.mark.parametrize("keep", [0, 100, 3000])
@@ -247,10 +296,9 @@ def test_a_file_that_lacks_something_is_refused(
         read_recording(tmp_path / "run.h5")
 
 
-def test_a_run_without_a_whole_second_has_no_step(tmp_path: Path, straight_config: ControllerConfig) -> None:
+def test_a_run_without_a_step_leaves_nothing(tmp_path: Path, straight_config: ControllerConfig) -> None:
     Recorder(tmp_path / "run.h5", SHAPE, Guarded(Scheduled(straight_config)), Path(__file__)).close()
-    with pytest.raises(DataError, match="no step"):
-        read_recording(tmp_path / "run.h5")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_network_of_another_size_is_refused(tmp_path: Path, straight_config: ControllerConfig) -> None:

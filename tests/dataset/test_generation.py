@@ -38,6 +38,7 @@ def simulated(
     designs: DesignSet,
     chosen: Sequence[Design],
     done: Callable[[int], None] = lambda designs: None,
+    kept: object = None,
 ) -> tuple[Frames, dict[str, int]]:
     """In place of the simulation, which takes seconds a chunk: made-up frames of these designs."""
     done(len(chosen))
@@ -367,7 +368,7 @@ def test_a_full_disk_is_said_and_costs_only_what_did_not_fit(
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "fsync", full)
-        with pytest.raises(DataError, match=r"chunk_0002.*No space left on device; mend that.*--resume"):
+        with pytest.raises(DataError, match=r"chunk_0002.*No space left on device.*make room.*--resume"):
             generate(CONFIG, tmp_path / "data")
     assert not list((tmp_path / "data").glob(".*.part"))
     numbers = made_numbers(monkeypatch)

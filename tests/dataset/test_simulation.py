@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from exosight.dataset import direction, generation, read_frames, read_manifest
+from exosight.dataset import direction, generation, read_frames, read_manifest, solved
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.designs import design_set
 from exosight.dataset.frames import QUANTITIES, Frames, take
@@ -19,6 +19,7 @@ from exosight.dataset.load_paths import WAYPOINTS, load_path
 from exosight.dataset.manifest import Manifest
 from exosight.dataset.simulation import causes, crosses_itself, first_cause, simulate_designs
 from exosight.mechanics import potential
+from exosight.mechanics.batched_continuation import Solutions
 from exosight.system.camera import Camera
 from exosight.system.observation import Observation, observe
 from exosight.system.system import stack_systems
@@ -301,6 +302,41 @@ def test_processes_of_which_one_is_killed_at_work_make_the_same_files(
     generate(CONFIG, tmp_path / "data", workers=2)
     assert killed.exists()
     assert_same(read_frames(tmp_path / "data"), frames)  # first, as it says how far off they are
+    names = {path.name for path in folder.iterdir()}
+    assert {path.name for path in (tmp_path / "data").iterdir()} == names
+    for name in names:
+        assert (tmp_path / "data" / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("damage", [False, True])
+def test_a_stop_within_a_chunk_keeps_the_designs_that_are_solved(
+    damage: bool, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are not solved again, and the files are those of a run without a stop."""
+    monkeypatch.setattr(generation, "DESIGNS_PER_CHUNK", 6)
+    monkeypatch.setattr(solved, "SAVE_SECONDS", 0.0)
+
+    def stop(done: int, total: int) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        generate(CONFIG, tmp_path / "data", stop)
+    (file,) = (tmp_path / "data").glob("*.npz")
+    with np.load(file) as content:
+        kept = len(content["numbers"])
+    if damage:
+        file.write_bytes(file.read_bytes()[:-1000] + bytes(1000))
+    numbers, finished = [], solved.SolvedDesigns.finished
+
+    def counted(self: solved.SolvedDesigns, number: int, found: Solutions) -> None:
+        numbers.append(number)
+        finished(self, number, found)
+
+    monkeypatch.setattr(solved.SolvedDesigns, "finished", counted)
+    generate(CONFIG, tmp_path / "data", resume=True)
+    assert kept > 0
+    assert len(numbers) == 11 - (0 if damage else kept)
     names = {path.name for path in folder.iterdir()}
     assert {path.name for path in (tmp_path / "data").iterdir()} == names
     for name in names:

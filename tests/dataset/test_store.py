@@ -116,7 +116,7 @@ def test_a_failed_write_costs_only_itself(
 
     with monkeypatch.context() as broken:
         broken.setattr(os, "replace", fail)
-        with pytest.raises(DataError, match=r"chunk_0001\.h5 could not be written: device gone"):
+        with pytest.raises(DataError, match=r"chunk_0001\.h5: cannot be written \(device gone"):
             write_chunk(tmp_path, 1, parts[1])
     assert [path.name for path in tmp_path.iterdir()] == ["chunk_0000.h5"]
     with pytest.raises(DataError, match="incomplete dataset"):

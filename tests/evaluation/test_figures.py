@@ -102,12 +102,12 @@ def test_axes_say_quantity_and_unit(name, expected, drawn):
 
 def test_process_wide_style_stays_as_it_was():
     before = dict(matplotlib.rcParams)
-    figures.to_svg(every_figure()["path"])
+    figures.to_bytes(every_figure()["path"])
     assert dict(matplotlib.rcParams) == before
 
 
 def test_svg_is_reproducible_and_holds_no_text_to_be_fetched():
-    first, again = (figures.to_svg(loss_figure()) for _ in range(2))
+    first, again = (figures.to_bytes(loss_figure()) for _ in range(2))
     assert first == again
     assert b"<text" not in first
     assert b"<image" not in first
@@ -281,7 +281,7 @@ def test_any_number_of_sensors_has_a_panel_each(count: int):
         shown = [ax for ax in figure.axes if ax.axison and (ax.get_title() or "zone" in ax.get_ylabel())]
         names = [(ax.get_title() or ax.get_ylabel()).replace(":", " ").split()[0] for ax in shown]
         assert sorted(names) == sorted(schema.outputs)
-        figures.to_svg(figure)
+        figures.to_bytes(figure)
 
 
 def test_figures_of_another_system_have_its_names_and_units_and_no_paper():
@@ -297,3 +297,38 @@ def test_figures_of_another_system_have_its_names_and_units_and_no_paper():
     bars = figures.robustness_bars({"clean": score(schema, true, true + 0.1)})
     assert "RMSE" not in labels(bars)  # newtons and radians have no mean
     assert [text.get_text() for text in bars.legends[0].get_texts()] == ["exosight"]
+
+
+@pytest.mark.parametrize("points", [3, 200])
+def test_curves_say_quantity_and_unit_and_differ_without_colour(points: int):
+    x = np.linspace(0, 4, points)
+    shown = tuple(figures.Curve(f"C{i}", x, i * x, x - 1, x + 1) for i in range(8))
+    goal = figures.Curve("target", x, x, target=True)
+    figure = figures.curves(
+        "u [N]", [figures.Panel("force [N]", (*shown, goal)), figures.Panel("a [rad]", shown[:1])]
+    )
+    assert [ax.get_ylabel() for ax in figure.axes] == ["force [N]", "a [rad]"]
+    assert figure.axes[-1].get_xlabel() == "u [N]"
+    first, second = figure.axes
+    np.testing.assert_array_equal(line(first, "C3").get_ydata(), 3 * x)
+    looks = {(each.get_color(), each.get_marker(), each.get_linestyle()) for each in first.get_lines()}
+    assert len(looks) == 9
+    assert len({look[1:] for look in looks}) >= 4
+    assert first.get_legend() is not None
+    assert second.get_legend() is None
+
+
+@pytest.mark.parametrize(("kind", "start"), [("png", b"\x89PNG"), ("pdf", b"%PDF"), ("svg", b"<?xml")])
+def test_figures_are_written_as_png_pdf_or_svg(kind: str, start: bytes):
+    first, again = (figures.to_bytes(loss_figure(), kind) for _ in range(2))
+    assert first.startswith(start)
+    assert first == again
+
+
+def test_panels_of_a_group_have_one_vertical_range():
+    x = np.arange(3.0)
+    panels = [figures.Panel(f"{k} [N]", (figures.Curve("", x, k * x),), group="N") for k in (1, 5)]
+    figure = figures.curves("picture [-]", [*panels, figures.Panel("score [-]", panels[0].curves)], columns=2)
+    small, large, score = (ax.get_ylim() for ax in figure.axes[:3])
+    assert small == large
+    assert small != score

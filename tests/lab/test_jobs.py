@@ -4,7 +4,7 @@ import asyncio
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import httpx
@@ -16,6 +16,7 @@ from starlette.requests import ClientDisconnect, Request
 from exosight.lab import jobs, run_stream, server
 from exosight.lab.closed_loop import Step
 from exosight.lab.jobs import JobQueue
+from exosight.lab.pose_cache import PoseCache
 from exosight.lab.security import LOOPBACK
 from exosight.lab.settings import LoopSettings, View
 from exosight.lab.system import LabSystem
@@ -48,9 +49,8 @@ class Blocked:
 
 
 @pytest.fixture
-def blocked(monkeypatch: pytest.MonkeyPatch, lab: LabSystem) -> Iterator[Blocked]:
+def blocked(monkeypatch: pytest.MonkeyPatch) -> Iterator[Blocked]:
     heavy = Blocked()
-    lab.cached(View())  # the design of a light view
     monkeypatch.setattr(server, "_warm_up", lambda *_: None)
     monkeypatch.setattr(server, "_answer", heavy.view)
     monkeypatch.setattr(server, "estimate", heavy.work)
@@ -61,7 +61,9 @@ def blocked(monkeypatch: pytest.MonkeyPatch, lab: LabSystem) -> Iterator[Blocked
 
 @pytest.fixture
 def here(blocked: Blocked, lab: LabSystem) -> Iterator[Address]:
-    with served(server.application(lab, lab.start, LOOPBACK, None)) as address:
+    fresh = replace(lab, poses=PoseCache())
+    fresh.cached(View())  # a view of any other design is heavy
+    with served(server.application(fresh, lab.start, LOOPBACK, None)) as address:
         yield address
         blocked.released.set()
 

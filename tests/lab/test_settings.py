@@ -18,7 +18,7 @@ from exosight.exosuit.published import published
 from exosight.exosuit.shapes import FAMILIES
 from exosight.lab.controls import about
 from exosight.lab.designs import Slider
-from exosight.lab.settings import Look, LoopSettings, PathSettings, View, read_settings
+from exosight.lab.settings import CameraSettings, LoopSettings, PathSettings, View, read_settings
 from exosight.lab.system import LabSystem, stops_of
 
 
@@ -30,7 +30,7 @@ def bounds_of(kind: type) -> dict[str, tuple[float, float]]:
     }
 
 
-LOOK = bounds_of(Look)
+CAMERA = bounds_of(CameraSettings)
 
 
 def sent(**changed: Any) -> bytes:
@@ -41,9 +41,9 @@ def numbers(bounds: dict[str, tuple[float, float]]) -> st.SearchStrategy[dict[st
     return st.fixed_dictionaries({}, optional={name: st.floats(*each) for name, each in bounds.items()})
 
 
-looks = st.builds(
-    lambda values, corruption: Look(**values, corruption=corruption),
-    numbers(LOOK),
+cameras = st.builds(
+    lambda values, corruption: CameraSettings(**values, corruption=corruption),
+    numbers(CAMERA),
     st.sampled_from(["none", "noise-high", "background"]),
 )
 
@@ -61,7 +61,7 @@ def a_view(data: st.DataObject, lab: LabSystem) -> View:
     sliders = sliders_of(lab, design.get("family", ""))
     design |= data.draw(numbers({each.key: (each.low, each.high) for each in sliders}))
     stops = data.draw(st.lists(st.integers(0 if "family" in design else -20, 80), max_size=6))
-    return View(design, tuple((round(0.05 * k, 10),) for k in stops), data.draw(looks))
+    return View(design, tuple((round(0.05 * k, 10),) for k in stops), data.draw(cameras))
 
 
 @given(st.data())
@@ -76,9 +76,9 @@ def close(lab: LabSystem, first: View, second: View) -> None:
         other = lab.controls.complete(second.design)[key]
         assert other == (value if isinstance(value, str) else pytest.approx(value, rel=1e-9, abs=1e-12))
     assert lab.moves(first) == lab.moves(second) or not first.drive
-    for name in LOOK:
-        assert getattr(first.look, name) == pytest.approx(getattr(second.look, name), rel=1e-9, abs=1e-12)
-    assert first.look.corruption == second.look.corruption
+    for name in CAMERA:
+        assert getattr(first.camera, name) == pytest.approx(getattr(second.camera, name), rel=1e-9, abs=1e-12)
+    assert first.camera.corruption == second.camera.corruption
 
 
 @pytest.mark.parametrize("name", ["lab", "thumb"])
@@ -95,17 +95,17 @@ def test_the_command_opens_the_same_view(
     assert chosen is not None
     given_to: dict[str, Any] = chosen.keywords  # pyright: ignore[reportFunctionMemberAccess]
     stops = stops_of(given_to["drive"], 1) if given_to["drive"] else lab.start.drive
-    close(lab, view, View(lab.controls.parse(given_to["vary"]), stops, given_to["look"]))
+    close(lab, view, View(lab.controls.parse(given_to["vary"]), stops, given_to["camera"]))
 
 
-@given(st.sampled_from(sorted(LOOK)), st.floats(allow_nan=True, allow_infinity=True))
+@given(st.sampled_from(sorted(CAMERA)), st.floats(allow_nan=True, allow_infinity=True))
 def test_a_number_out_of_bounds_is_refused_by_its_name(name: str, value: float) -> None:
-    low, high = LOOK[name]
+    low, high = CAMERA[name]
     if low <= value <= high:
-        assert getattr(read_settings(View, sent(look={name: value})).look, name) == value
+        assert getattr(read_settings(View, sent(camera={name: value})).camera, name) == value
         return
-    with pytest.raises(InputError, match=f"^look.{name}: "):
-        read_settings(View, sent(look={name: value}))
+    with pytest.raises(InputError, match=f"^camera.{name}: "):
+        read_settings(View, sent(camera={name: value}))
 
 
 @pytest.mark.parametrize(
@@ -132,8 +132,8 @@ def test_a_number_out_of_bounds_is_refused_by_its_name(name: str, value: float) 
         (sent(drive=[[2.41]]), "drive.0.u: expected multiples of 0.05 N"),
         (sent(drive=[[-0.05]]), "drive.0.u: expected 0 to 4 N"),
         (b'{"drive": [[1e308]]}', "drive.0.u: expected"),
-        (b'{"look": {"zoom": -Infinity}}', "look.zoom: "),
-        (sent(look={"corruption": "none; rm -rf /"}), "look.corruption: "),
+        (b'{"camera": {"zoom": -Infinity}}', "camera.zoom: "),
+        (sent(camera={"corruption": "none; rm -rf /"}), "camera.corruption: "),
     ],
 )
 def test_what_is_no_view_is_refused_in_one_sentence(lab: LabSystem, body: bytes, sentence: str) -> None:
@@ -175,8 +175,8 @@ def test_entries_are_read_in_any_unit_of_their_quantity(thumb: LabSystem, text: 
 def test_a_run_and_a_path_are_refused_for_their_view_too(lab: LabSystem, settings: Any) -> None:
     with pytest.raises(InputError, match=r"^design\.young: "):
         lab.check(read_settings(settings, sent(view={"design": {"young": 0}})))
-    with pytest.raises(InputError, match=r"^view\.look\.zoom: "):
-        read_settings(settings, sent(view={"look": {"zoom": 0}}))
+    with pytest.raises(InputError, match=r"^view\.camera\.zoom: "):
+        read_settings(settings, sent(view={"camera": {"zoom": 0}}))
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -210,7 +210,7 @@ def test_the_page_is_told_every_channel_sensor_and_slider(name: str, request: py
     assert [each["name"] for each in told["sensors"]] == [sensor.name for sensor in lab.schema.sensors]
     sliders = [spec for group in told["design"] for spec in group["sliders"]]
     assert {spec["key"] for spec in sliders} <= set(lab.controls.complete({}))
-    for spec in [*sliders, *told["look"]]:
+    for spec in [*sliders, *told["camera"]]:
         assert spec["low"] <= spec["start"] <= spec["high"]
     assert [option["name"] for option in told["run"]["measured"]] == (
         ["network", "true"] if lab.refusal is None else ["true"]

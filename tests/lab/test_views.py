@@ -11,11 +11,11 @@ from exosight.control import OnnxEstimator
 from exosight.control.estimator import DEFAULT_MODEL
 from exosight.control.simulated import SimulatedPlant
 from exosight.lab.estimates import judge
-from exosight.lab.pictures import photograph
+from exosight.lab.pictures import camera_image
 from exosight.lab.saving import pose_csv
-from exosight.lab.settings import Look, PathSettings, View
+from exosight.lab.settings import CameraSettings, PathSettings, View
 from exosight.lab.system import LabSystem
-from exosight.lab.views import answer, path_answer, path_of, see
+from exosight.lab.views import answer, compute_view, path_answer, path_of
 from exosight.vision.ood_images import draw_ood_images
 from exosight.vision.renderer import BACKGROUND
 
@@ -27,7 +27,7 @@ def told_path(settings: PathSettings, lab: LabSystem) -> dict:
 @pytest.mark.parametrize("name", ["lab", "thumb"])
 def test_a_view_is_what_the_plant_shows_of_the_same_system(name: str, request: pytest.FixtureRequest) -> None:
     lab: LabSystem = request.getfixturevalue(name)
-    seen = see(View(drive=((2.4,),)), lab)
+    seen = compute_view(View(drive=((2.4,),)), lab)
     plant = SimulatedPlant(lab.cached(View()).system)
     plant.reset()
     shown = plant.apply(np.array([2.4]))
@@ -39,7 +39,7 @@ def test_a_view_is_what_the_plant_shows_of_the_same_system(name: str, request: p
 
 
 def test_estimates_are_those_of_the_network(lab: LabSystem) -> None:
-    seen = see(lab.start, lab)
+    seen = compute_view(lab.start, lab)
     read = OnnxEstimator.load(DEFAULT_MODEL).read(seen.image[None])
     told = answer(lab.start, seen, lab)["reading"]
     assert tuple(told["estimates"]) == (*lab.schema.outputs, "F_net")
@@ -49,7 +49,7 @@ def test_estimates_are_those_of_the_network(lab: LabSystem) -> None:
 
 
 def test_a_network_of_another_system_gives_no_estimates_and_says_so(thumb: LabSystem) -> None:
-    seen = see(thumb.start, thumb)
+    seen = compute_view(thumb.start, thumb)
     told = answer(thumb.start, seen, thumb)
     assert seen.reading is None
     assert told["reading"] is None
@@ -66,7 +66,7 @@ def test_a_network_of_another_system_gives_no_estimates_and_says_so(thumb: LabSy
 def test_arrows_are_the_forces_on_the_zones(name: str, request: pytest.FixtureRequest) -> None:
     lab: LabSystem = request.getfixturevalue(name)
     view = View(drive=((3.0,),))
-    seen = see(view, lab)
+    seen = compute_view(view, lab)
     told = answer(view, seen, lab)
     zones = [sensor.name for sensor in lab.schema.sensors if sensor.quantity == "contact force"]
     assert len(told["scene"]["zones"]) == len(zones)
@@ -87,7 +87,7 @@ def test_a_path_goes_to_the_peak_and_back_through_the_view(
     assert [path[way][i][0] for way in ("loading", "unloading") for i in (0, -1)] == [0, 4, 4, end]
     assert path["loading"][-1] == path["unloading"][0]
     for way, drive in (("loading", ((2.4,),)), ("unloading", ((4.0,), (2.4,)))):
-        seen = see(View(drive=drive), lab).observation.readings[lab.schema.index("F_net")]
+        seen = compute_view(View(drive=drive), lab).observation.readings[lab.schema.index("F_net")]
         assert dict(path[way])[2.4] == pytest.approx(float(seen), abs=1e-5)
     highest = max(value for _, value in path["loading"] + path["unloading"])
     assert path["target"]["low"] < path["target"]["start"] < highest <= path["target"]["high"]
@@ -96,38 +96,40 @@ def test_a_path_goes_to_the_peak_and_back_through_the_view(
 def test_a_path_keeps_the_other_channels_where_they_are(assisted: LabSystem) -> None:
     view = View(drive=((1.0, 0.02),))
     path = told_path(PathSettings(view, channel="assist", sensor="knuckle"), assisted)
-    angle = see(view, assisted).observation.readings[assisted.schema.index("knuckle")]
+    angle = compute_view(view, assisted).observation.readings[assisted.schema.index("knuckle")]
     assert dict(path["loading"])[0.02] == pytest.approx(float(angle), abs=1e-5)
     assert path["unloading"][-1][0] == -0.02
-    assert answer(view, see(view, assisted), assisted)["drive"] == ((1.0, 0.0), (1.0, 0.02))
+    assert answer(view, compute_view(view, assisted), assisted)["drive"] == ((1.0, 0.0), (1.0, 0.02))
 
 
 @pytest.mark.parametrize(
-    "look",
+    "camera",
     [
-        Look(corruption="noise-low"),
-        Look(corruption="contrast-high"),
-        Look(corruption="blur"),
-        Look(corruption="occlusion"),
-        Look(corruption="background"),
-        Look(shift_x=0.1),
-        Look(roll=0.2),
-        Look(zoom=1.2),
-        Look(tilt=0.3),
+        CameraSettings(corruption="noise-low"),
+        CameraSettings(corruption="contrast-high"),
+        CameraSettings(corruption="blur"),
+        CameraSettings(corruption="occlusion"),
+        CameraSettings(corruption="background"),
+        CameraSettings(shift_x=0.1),
+        CameraSettings(roll=0.2),
+        CameraSettings(zoom=1.2),
+        CameraSettings(tilt=0.3),
     ],
     ids=str,
 )
-def test_camera_and_corruption_change_the_picture_and_nothing_else(lab: LabSystem, look: Look) -> None:
-    plain, other = (see(replace(lab.start, look=each), lab) for each in (Look(), look))
+def test_camera_and_corruption_change_the_picture_and_nothing_else(
+    lab: LabSystem, camera: CameraSettings
+) -> None:
+    plain, other = (compute_view(replace(lab.start, camera=each), lab) for each in (CameraSettings(), camera))
     assert np.any(plain.image != other.image)
     np.testing.assert_array_equal(plain.rest.q, other.rest.q)
-    np.testing.assert_array_equal(see(replace(lab.start, look=look), lab).image, other.image)
+    np.testing.assert_array_equal(compute_view(replace(lab.start, camera=camera), lab).image, other.image)
 
 
 def test_a_picture_shifted_right_has_moved_right() -> None:
     clean = np.full((1, 128, 128), 235, np.uint8)
     clean[0, 40:80, 30:60] = 60
-    moved = photograph(Look(shift_x=0.125), clean)[0]
+    moved = camera_image(CameraSettings(shift_x=0.125), clean)[0]
     np.testing.assert_array_equal(moved[:, 16:], clean[0, :, :-16])
 
 
@@ -142,7 +144,7 @@ def test_the_guard_tells_what_it_would_do(lab: LabSystem) -> None:
 
 
 def test_too_much_force_makes_the_guard_release(lab: LabSystem) -> None:
-    seen = see(lab.start, lab)
+    seen = compute_view(lab.start, lab)
     assert seen.reading is not None
     heavy = replace(
         seen.reading, forces=seen.reading.forces + np.float32(0.7), high=seen.reading.high + np.float32(1)
@@ -152,8 +154,8 @@ def test_too_much_force_makes_the_guard_release(lab: LabSystem) -> None:
 
 def test_frames_that_datasets_drop_are_marked(lab: LabSystem) -> None:
     rolled = View({"r0": 4.5, "r1": 4.0, "length": 110.0}, ((4.0,),))
-    assert see(rolled, lab).notes
-    assert not see(lab.start, lab).notes
+    assert compute_view(rolled, lab).notes
+    assert not compute_view(lab.start, lab).notes
 
 
 def read_rows(file: Path) -> list[list[str]]:
@@ -176,7 +178,7 @@ def test_the_command_writes_the_files_of_a_view(
 ) -> None:
     lab: LabSystem = request.getfixturevalue("thumb" if "--system" in words else "lab")
     main(["lab", "--drive", "4", "2.4", *words, "--out", str(tmp_path / "view")])
-    seen = see(view, lab)
+    seen = compute_view(view, lab)
     image = cv2.imread(str(tmp_path / "view" / "picture.png"), cv2.IMREAD_UNCHANGED)
     np.testing.assert_array_equal(image, seen.image)
     rows = read_rows(tmp_path / "view" / "readings.csv")[1:]
@@ -215,14 +217,14 @@ def test_options_that_do_not_fit_are_refused_in_one_sentence(
 
 @pytest.mark.parametrize("shift", np.arange(-0.2, 0.21, 0.05))
 def test_a_body_that_leaves_the_image_is_noted(shift: float, lab: LabSystem) -> None:
-    seen = see(View(drive=((2.4,),), look=Look(shift_x=float(shift))), lab)
+    seen = compute_view(View(drive=((2.4,),), camera=CameraSettings(shift_x=float(shift))), lab)
     border = np.concatenate([seen.image[0], seen.image[-1], seen.image[:, 0], seen.image[:, -1]])
     noted = any("outside the camera image" in note for note in seen.notes)
     assert noted == bool((border != BACKGROUND).any())
 
 
 def test_a_pose_is_saved_with_the_positions_and_radii_of_its_nodes(lab: LabSystem) -> None:
-    seen = see(lab.start, lab)
+    seen = compute_view(lab.start, lab)
     head, *rows = (line.split(",") for line in pose_csv(seen).splitlines())
     assert head == ["tube", "node", "x [m]", "y [m]", "z [m]", "radius [m]"]
     for tube in seen.system.tubes:

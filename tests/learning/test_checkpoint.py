@@ -106,6 +106,12 @@ def other_network(checkpoint: Checkpoint) -> Checkpoint:
     )
 
 
+def with_settings(checkpoint: Checkpoint, **changes: int) -> Checkpoint:
+    return replace(
+        checkpoint, run=replace(checkpoint.run, settings=replace(checkpoint.run.settings, **changes))
+    )
+
+
 def other_tensor(checkpoint: Checkpoint, **change: torch.Tensor) -> Checkpoint:
     return replace(checkpoint, tensors={**checkpoint.tensors, **change})
 
@@ -134,7 +140,21 @@ LIES: dict[str, tuple[Callable[[Checkpoint], Checkpoint], str]] = {
         lambda c: replace(c, position=replace(c.position, best_epoch=99)),
         "best_epoch=99",
     ),
-    "a negative step": (lambda c: replace(c, position=replace(c.position, step=-1)), "step=-1"),
+    "a negative step": (
+        lambda c: replace(c, position=replace(c.position, step=-1)),
+        "position.step: .* '-1'",
+    ),
+    "more steps than there are": (
+        lambda c: replace(c, position=replace(c.position, step=2**70)),
+        "position.step",
+    ),
+    "a seed without end": (lambda c: with_settings(c, seed=2**70), "run.settings.seed"),
+    "batches of nothing": (lambda c: with_settings(c, batch=0), "run.settings.batch"),
+    "999 earlier images": (lambda c: with_settings(c, history=999), "run.settings.history"),
+    "a scale that single precision does not hold": (
+        lambda c: replace(c, run=replace(c.run, output_scale=(1e300,) * 7)),
+        "output_scale",
+    ),
     "a missing tensor": (
         lambda c: replace(c, tensors={k: v for k, v in c.tensors.items() if k != "best.2.0.weight"}),
         "best.2.0.weight is in only one",
@@ -174,6 +194,18 @@ def test_a_header_of_another_version_is_named(trained: Path, tmp_path: Path, mon
         patch.setattr(json, "dumps", lambda *a, **k: dumps(*a, **k).replace('"light"', '"huge"'))
         write(tmp_path, checkpoint)
     with pytest.raises(DataError, match=r"run\.settings\.network"):
+        load_checkpoint(tmp_path)
+
+
+@pytest.mark.parametrize("header", ["[" * 100_000, '{"format": NaN}', '{"format": 1e999}', "9" * 5000, "[3]"])
+def test_a_header_that_is_no_header_is_a_data_error(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, header: str
+):
+    checkpoint = load_checkpoint(trained)
+    with monkeypatch.context() as patch:
+        patch.setattr(json, "dumps", lambda *a, **k: header)
+        write(tmp_path, checkpoint)
+    with pytest.raises(DataError, match="not a checkpoint of exosight"):
         load_checkpoint(tmp_path)
 
 

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -169,6 +170,19 @@ def test_what_would_take_all_memory_or_time_is_refused(change: Change, tmp_path:
 
 
 ROWS = [[1.0] * 7] * 5
+
+
+def tower() -> dict[str, Any]:
+    """Each sensor the sum of the one before it, twice."""
+    schema = json.loads(card_to_metadata(CARD)["schema"])
+    zone = next(sensor for sensor in schema["sensors"] if sensor["estimated"])
+    sums = [
+        {**zone, "name": f"C{i}", "quantity": "net force", "estimated": False, "parts": [f"C{i - 1}"] * 2}
+        for i in range(8, 100)
+    ]
+    return {**schema, "sensors": [*schema["sensors"], *sums]}
+
+
 CARDS = {
     "a limit that is no number": ({"ood_limit": "NaN"}, "ood_limit: not JSON"),
     "an endless limit": ({"ood_limit": "1e999"}, "ood_limit"),
@@ -202,6 +216,7 @@ CARDS = {
         {"schema": card_to_metadata(CARD)["schema"].replace('"estimated": true', '"estimated": false')},
         "schema: expected a sensor to estimate",
     ),
+    "sums of sums without end": ({"schema": json.dumps(tower())}, "C8: it counts a sensor twice"),
     "a large card": ({"input": "x" * 2**21}, "more than 1 MiB"),
     "no card": (dict.fromkeys(card_to_metadata(CARD), None), "Field required|missing"),
 }

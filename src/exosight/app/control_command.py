@@ -17,7 +17,7 @@ from exosight.control.simulated import SimulatedPlant
 from exosight.control.trials import STEP_SECONDS, Asked
 from exosight.control.tuning import tune
 from exosight.evaluation import Column, Table
-from exosight.evaluation.figures import to_svg
+from exosight.evaluation.figures import to_bytes
 from exosight.evaluation.tables import Cell
 from exosight.exosuit.published import NAME
 from exosight.exosuit.shapes import shape_to_dict
@@ -74,7 +74,7 @@ def write_trials(trials: Sequence[Trial], model: str | None, camera: Camera, fol
     for trial in trials:
         write_new_file(folder / f"{_name_of(trial)}.csv", _time_series(trial).encode())
     for name, figure in trial_figures(trials).items():
-        write_new_file(folder / f"{name}.svg", to_svg(figure))
+        write_new_file(folder / f"{name}.svg", to_bytes(figure))
     record = trials[0].record
     config = {
         "system": record.schema.system,

@@ -1,6 +1,5 @@
 """The loop in real time as a command: its parts and its log."""
 
-import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import asdict, dataclass
@@ -9,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from exosight.app.stopping import PATIENCE, STOP
 from exosight.control.actuators import Lines, NoActuator
 from exosight.control.estimator import OnnxEstimator
 from exosight.control.guard import GuardConfig, Guarded, State
@@ -36,7 +36,9 @@ class Log:
 
     def __init__(self, say: Callable[[str], None], config: ControllerConfig) -> None:
         self._config, self._say, self._seconds, self._late = config, say, [], []
-        self.missed = 0  # periods; those at the end are added by whoever called `run_live`
+        self._rows: list[tuple[float, ...]] = []
+        self._missed = 0
+        self.missed_at_end = 0  # periods, see `run_live`
         self._told, self._told_missed, self._told_remedy = -1, 0, ""
         self._changes: list[dict[str, Any]] = []
 
@@ -44,7 +46,10 @@ class Log:
         """Take note of a step."""
         self._seconds.append(step.seconds)
         self._late.append(step.late)
-        self.missed += step.missed
+        weights, read = self._config.weights, step.measurement.sum(self._config.weights)
+        true = np.nan if step.true is None else float(step.true @ weights)
+        self._rows.append((step.time, step.target, read, true, step.command))
+        self._missed += step.missed
         if step.cause:
             remedy = step.problem.remedy if step.problem else ""
             change = {"time_s": step.time, "state": step.state.value, "cause": step.cause, "remedy": remedy}
@@ -77,7 +82,12 @@ class Log:
 
     def _newly_missed(self) -> str:
         new, self._told_missed = self.missed - self._told_missed, self.missed
-        return f"; {new} periods missed" if new else ""
+        return f"; missed periods: {new}" if new else ""
+
+    @property
+    def missed(self) -> int:
+        """Periods without a step."""
+        return self._missed + self.missed_at_end
 
     @property
     def steps(self) -> int:
@@ -93,6 +103,12 @@ class Log:
     def late(self) -> np.ndarray:
         """How late each step began, (steps,) [s]."""
         return np.array(self._late)
+
+    def run(self) -> dict[str, np.ndarray]:
+        """Time [s], target, estimated, true and command of each step, (steps,) by name; NaN: unknown."""
+        return dict(
+            zip(("time", "target", "estimated", "true", "command"), np.array(self._rows).T, strict=True)
+        )
 
     def end(self) -> str:
         """How the run ended, and whether it kept the clock."""
@@ -156,15 +172,15 @@ def on_simulation(run: LiveRun, log: Log) -> None:
     """Look at the simulated system, and actuate it."""
     guarded = Guarded(Scheduled(run.config))
     device = SimulatedDevice(SimulatedPlant(run.system), run.config)
-    with _written(run, guarded, log) as done, _stoppable():
-        log.missed += run_live(device, run.network.read, guarded, device, run.target, done)
+    with _written(run, guarded, log) as done, _lets_go(run.config):
+        log.missed_at_end = run_live(device, run.network.read, guarded, device, run.target, done)
 
 
 @contextmanager
 def opened(
     source: str | None, network: OnnxEstimator, crop: Crop | None
 ) -> Iterator[tuple[FrameStream, bool] | None]:
-    """The frames of a source, one of them read already, and whether a camera gives them; None without one."""
+    """The frames of a source, one of which has been read, and whether a camera gives them."""
     if source is None:
         yield None
         return
@@ -184,37 +200,35 @@ def on_source(run: LiveRun, source: tuple[FrameStream, bool], send: str | None, 
     guarded = Guarded(Scheduled(run.config), GuardConfig(frozen_frames=still))
     with ExitStack() as stack:
         done = stack.enter_context(_written(run, guarded, log))
-        stack.enter_context(_stoppable())
+        stack.enter_context(_lets_go(run.config))
         actuator = stack.enter_context(closing(NoActuator() if send is None else Lines.open(send)))
-        log.missed += run_live(frames, run.network.read, guarded, actuator, run.target, done)
+        log.missed_at_end = run_live(frames, run.network.read, guarded, actuator, run.target, done)
 
 
 @contextmanager
 def _written(run: LiveRun, guarded: Guarded, log: Log) -> Iterator[Callable[[Step], None]]:
     """What to do with every step: log it, and record it if there is a file for it."""
-    if run.record is None:
-        yield log.append
-        return
-    with closing(Recorder(run.record, run.network.card.schema.image_size, guarded, run.model)) as recorder:
+    with ExitStack() as stack:
+        recorder = None
+        if run.record is not None:
+            shape = run.network.card.schema.image_size
+            recorder = stack.enter_context(closing(Recorder(run.record, shape, guarded, run.model)))
 
         def done(step: Step) -> None:
             log.append(step)
-            recorder.append(step)
+            if recorder is not None:
+                recorder.append(step)
+            STOP.check()  # where the exception was lost
 
         yield done
 
 
 @contextmanager
-def _stoppable() -> Iterator[None]:
-    """A polite kill and a terminal that is closed stop the loop as Ctrl-C does: u returns to 0 first."""
-
-    def stop(number: int, frame: Any) -> None:
-        raise KeyboardInterrupt
-
-    kinds = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {kind: signal.signal(kind, stop) for kind in kinds}
+def _lets_go(config: ControllerConfig) -> Iterator[None]:
+    """A loop that is stopped first lets u return to 0, which takes its time."""
+    ramp = float(np.abs(config.loading.u).max()) / config.rate + 2 * config.period
+    STOP.patience = ramp + PATIENCE
     try:
         yield
     finally:
-        for kind, handler in before.items():
-            signal.signal(kind, handler)
+        STOP.patience = PATIENCE

@@ -11,8 +11,10 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from inspect import signature
 
 from exosight import __version__
+from exosight.app.stopping import STOP, stoppable
 from exosight.errors import ExosightError, InputError, printable
 
 COMMANDS = {
@@ -65,20 +67,26 @@ exosight COMMAND --help explains a command, exosight --version tells the version
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run one command; never ends in an exit code other than 0, 1 (a bug), 2 (wrong use) or 130 (stopped)."""
+    """Run one command; exit codes are 0, 1 (a bug), 2 (wrong use), or 128 and the signal that stopped it.
+
+    arguments   by default those of the process, which then does nothing else: a signal ends it
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without "…" or "π" shows "?"
     # A home that cannot be written, or a cache cut short: JAX then compiles anew, which is all that it takes.
     warnings.filterwarnings("ignore", message="Error (reading|writing) persistent compilation cache")
     try:
-        _run(sys.argv[1:] if arguments is None else list(arguments))
-        sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
+        with stoppable(watched=arguments is None):
+            _run(sys.argv[1:] if arguments is None else list(arguments))
+            sys.stdout.flush()  # here, where a full disk or a closed pipe can still be told
     except BrokenPipeError:
         _silence_stdout()  # the reader of our output (head, less) has gone; nothing is wrong
     except KeyboardInterrupt:
-        print("exosight: stopped", file=sys.stderr)
-        sys.exit(130)
+        if arguments is None:
+            STOP.end()
+        print(f"exosight: {STOP.words}", file=sys.stderr)
+        sys.exit(STOP.exit_code)
     except ExosightError as error:
         _fail(str(error))
     except MemoryError as error:
@@ -108,6 +116,8 @@ def _run(arguments: list[str]) -> None:
         from exosight.app.options import read_options
 
         command: Callable[..., None] = getattr(import_module(f"exosight.app.commands.{name}"), name)
+        if "resume" in signature(command).parameters:
+            STOP.words = "stopped; the same command with --resume goes on"
         chosen = read_options(command, options)
         if chosen is not None:
             chosen()

@@ -102,6 +102,7 @@ def _sentence(box: str) -> str:
 
 
 _PLAINER = (
+    (r"^Missing from exosight \S+: (\S+) .*", r"expected \1, got none"),
     (r"^Error parsing (config\.)?", ""),
     (r"^Unrecognized options:", "unknown options:"),
     (r"^Missing value for argument '(.*)'\. Expected 1 values", r"\1: expected a value, got none"),

@@ -1,13 +1,12 @@
 """Where results go: places that must not exist yet, checked before the work and complete when they appear."""
 
 import os
-import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from uuid import uuid4
 
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
+from exosight.files import unfinished
 
 
 def check_new_file(path: Path) -> None:
@@ -18,6 +17,21 @@ def check_new_file(path: Path) -> None:
         raise DataError(f"{path}: {path.parent} is no folder; make it, or name a file in another one")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise DataError(f"{path}: {path.parent} may not be written; name a file in another folder")
+
+
+PLOTS = (".png", ".pdf", ".svg")
+"""Endings of the files that `--plot` writes."""
+
+
+def check_plot(path: Path | None) -> None:
+    """Raise now if a figure cannot be written there: InputError for another ending, DataError as above."""
+    if path is None:
+        return
+    if path.suffix not in PLOTS:
+        raise InputError(
+            f"--plot: expected a file {', '.join('*' + each for each in PLOTS)}, got {str(path)!r}"
+        )
+    check_new_file(path)
 
 
 @contextmanager
@@ -31,14 +45,10 @@ def new_folder(path: Path) -> Iterator[Path]:
     """
     if path.exists():
         raise DataError(f"{path}: exists already; name a new folder, nothing is overwritten")
-    part = path.with_name(f".{path.name}.{uuid4().hex}.part")
-    try:
-        part.mkdir(parents=True)
-    except OSError as error:
-        raise DataError(f"{path}: cannot be made ({error.strerror}); name another folder") from error
-    try:
+    with unfinished(path) as part:
+        try:
+            part.mkdir(parents=True)
+        except OSError as error:
+            raise DataError(f"{path}: cannot be made ({error.strerror}); name another folder") from error
         yield part
         part.rename(path)
-    except BaseException:  # a stop by Ctrl-C too
-        shutil.rmtree(part, ignore_errors=True)
-        raise

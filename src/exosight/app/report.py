@@ -18,7 +18,7 @@ from jinja2 import Environment, StrictUndefined
 from matplotlib.figure import Figure
 
 from exosight.errors import DataError, InputError
-from exosight.evaluation.figures import to_svg
+from exosight.evaluation.figures import to_bytes
 from exosight.evaluation.tables import PAPER, Column, Table, cell_text
 from exosight.files import write_new_file
 
@@ -189,4 +189,4 @@ def _is_paper(column: Column) -> bool:
 
 
 def _svg_uri(figure: Figure) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(to_svg(figure)).decode()
+    return "data:image/svg+xml;base64," + base64.b64encode(to_bytes(figure)).decode()

@@ -20,7 +20,7 @@ from exosight.control.stress.measures import Measured, measure_episode, summary
 from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
 from exosight.evaluation import Column, Table
-from exosight.evaluation.figures import to_svg
+from exosight.evaluation.figures import to_bytes
 from exosight.exosuit.published import PublishedDesigns
 from exosight.files import as_csv, write_new_file
 from exosight.system.designs import DesignSet
@@ -95,7 +95,7 @@ def write_stress(outcomes: Mapping[str, Outcome], found: Mapping[str, Any], fold
     for name, outcome in outcomes.items():
         file = re.sub(r"\W+", "_", name)
         write_new_file(folder / f"{file}.csv", _rows(outcome.measured).encode())
-    write_new_file(folder / "stress.svg", to_svg(stress_figure(found)))
+    write_new_file(folder / "stress.svg", to_bytes(stress_figure(found)))
 
 
 def stress_table(found: Mapping[str, Any]) -> Table:

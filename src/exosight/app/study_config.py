@@ -8,6 +8,7 @@ from pydantic.dataclasses import dataclass
 
 from exosight.dataset.config import GenerateConfig
 from exosight.errors import DataError
+from exosight.files import read_file
 from exosight.learning.config import TrainConfig
 
 CONFIG = "study.json"
@@ -91,6 +92,7 @@ PRESETS: dict[PresetName, StudyConfig] = {
 """quick: 110 shapes, minutes on a laptop; paper: all 1375 shapes and both networks."""
 
 _ADAPTER = TypeAdapter(StudyConfig)
+_LARGEST = 2**20  # bytes; it has some thousands
 
 
 def to_text(config: StudyConfig) -> str:
@@ -101,9 +103,7 @@ def to_text(config: StudyConfig) -> str:
 def read_config(path: Path) -> StudyConfig:
     """A configuration that a study saved; DataError if it cannot be used."""
     try:
-        return _ADAPTER.validate_json(path.read_bytes())
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); expected a study's {CONFIG}") from error
+        return _ADAPTER.validate_json(read_file(path, _LARGEST, f"expected a study's {CONFIG}"))
     except ValidationError as error:
         fault = error.errors()[0]
         place = ".".join(str(part) for part in fault["loc"]) or "file"

@@ -1,7 +1,5 @@
 """A system without load, drawn in the x–z plane with its zones named, and its camera images."""
 
-import io
-
 import jax.numpy as jnp
 import numpy as np
 from matplotlib import colormaps
@@ -27,8 +25,8 @@ MM = 1e3
 
 
 @styled
-def system_figure(system: System) -> bytes:
-    """A PNG of the unloaded system; lengths in mm."""
+def system_figure(system: System) -> Figure:
+    """The unloaded system; lengths in mm."""
     robot = system.robot
     motion = walk(robot, jnp.zeros(robot.dofs))
     cameras = system.cameras[:MOST_VIEWS]
@@ -43,9 +41,7 @@ def system_figure(system: System) -> bytes:
         axes = figure.add_subplot(grid[place])
         axes.imshow(render(tubes, camera)[0], cmap="gray", vmin=0, vmax=255)
         axes.set(title=f"camera {name}", xlabel="column [pixels]", ylabel="row [pixels]")
-    file = io.BytesIO()
-    figure.savefig(file, format="png", dpi=150)
-    return file.getvalue()
+    return figure
 
 
 def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:

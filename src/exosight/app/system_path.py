@@ -12,10 +12,13 @@ from exosight.evaluation.tables import Column, Table
 from exosight.exosuit.catalogue import nominal_system
 from exosight.system.schema import Schema, schema_to_dict
 from exosight.system.simulation import SystemStates, simulate_system
+from exosight.system.system import System
 
 
-def simulated_path(name: str, u: Sequence[float] | None, commands: Sequence[str] | None) -> dict[str, Any]:
-    """The equilibria of a system, as plain numbers.
+def simulated_path(
+    name: str, u: Sequence[float] | None, commands: Sequence[str] | None
+) -> tuple[System, SystemStates]:
+    """A preset or system file, and its equilibria.
 
     u          of a system with one channel: its commands
     commands   texts such as "left=2,right=0.5"; by default each channel from 0 to the far end of its range
@@ -23,8 +26,11 @@ def simulated_path(name: str, u: Sequence[float] | None, commands: Sequence[str]
     Raises InputError for a system that is none, or commands that are not its own.
     """
     system = nominal_system(name)
-    schema = system.schema
-    states = simulate_system(system, _commands(schema, u, commands))
+    return system, simulate_system(system, _commands(system.schema, u, commands))
+
+
+def path_values(schema: Schema, states: SystemStates) -> dict[str, Any]:
+    """The equilibria of a system as plain numbers."""
     return {
         "system": schema.system,
         "schema": schema_to_dict(schema),

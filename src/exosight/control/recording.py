@@ -1,14 +1,16 @@
 """A run of the loop in real time as one HDF5 file.
 
-It is written and flushed a second at a time, in HDF5's oldest layout, which keeps no mark of being open. So
-it can be read after the writing process was killed, and then ends with the last whole second.
+It is written and flushed a second at a time, in the order that HDF5 keeps for readers beside a writer (SWMR):
+at any moment the file is whole up to the last flushed second, and so it stays when the process is killed.
+Only the mark of being open stays in its head, which other programs want to have removed (h5clear -s).
 """
 
 import hashlib
 import json
 import math
+import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,8 +25,8 @@ from exosight.control.guard import GuardConfig, Guarded, State
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.realtime import STAGES, Step
 from exosight.errors import DataError, InputError
-from exosight.files import check_format, open_file
-from exosight.hdf5 import array, group, opened, stored_rows, text, whole_array
+from exosight.files import check_absent, check_format, open_file, unfinished, write_error
+from exosight.hdf5 import array, as_closed, group, opened, stored_rows, text, whole_array
 from exosight.system.schema import schema_from_dict, schema_to_dict
 from exosight.validation import first_fault
 
@@ -170,6 +172,7 @@ class Recorder:
     guarded the controller
     model   the network's file
 
+    The file takes its name with its first rows: what ends before leaves nothing that would stand in the way.
     Raises DataError if the file exists or cannot be written.
     """
 
@@ -177,16 +180,16 @@ class Recorder:
         self._path, self._shape, self._rows = path, shape, []
         self._columns = columns(guarded.config)
         self._block = _block(guarded.config)
-        with _told(path):
-            try:
-                path.open("xb").close()
-            except FileExistsError as error:
-                raise DataError(f"{path}: exists already; name a new file, nothing is overwritten") from error
-            _reserve(path, 0, _HEAD)
-            self._file = h5py.File(path, "w", libver=("earliest", "v110"))
-            _reserve(path, 0, _HEAD)
+        with _told(path), ExitStack() as stack:
+            check_absent(path)
+            self._at = stack.enter_context(unfinished(path))
+            self._at.open("xb").close()
+            _reserve(self._at, 0, _HEAD)
+            self._file = stack.enter_context(h5py.File(self._at, "w", libver="v110"))
+            _reserve(self._at, 0, _HEAD)
             _write_head(self._file, guarded, model, shape, self._block)
-            self._file.flush()
+            self._file.swmr_mode = True
+            self._open = stack.pop_all()
 
     def append(self, step: Step) -> None:
         """Take note of a step; once a second, all of them are written.
@@ -209,17 +212,21 @@ class Recorder:
                 self._write()
         finally:
             with _told(self._path):
-                self._file.close()
+                self._open.close()
 
     def _write(self) -> None:
         rows, self._rows = self._rows, []  # what could not be written once is not tried again
         with _told(self._path):
-            _reserve(self._path, self._file.id.get_filesize(), _HEAD + 2 * len(rows) * math.prod(self._shape))
+            _reserve(self._at, self._file.id.get_filesize(), _HEAD + 2 * len(rows) * math.prod(self._shape))
             for name in ("images", *self._columns):
                 data: Any = self._file[name]
                 data.resize(len(data) + len(rows), axis=0)
                 data[-len(rows) :] = np.stack([row[name] for row in rows])
             self._file.flush()
+            if self._at != self._path:
+                check_absent(self._path)
+                os.replace(self._at, self._path)
+                self._at = self._path
 
 
 def _reserve(path: Path, start: int, room: int) -> None:
@@ -237,11 +244,10 @@ def _told(path: Path) -> Iterator[None]:
     """Whatever HDF5 complains about, as one sentence."""
     try:
         yield
+    except DataError:
+        raise
     except (OSError, RuntimeError, ValueError) as error:
-        if isinstance(error, DataError):
-            raise
-        what = error.strerror if isinstance(error, OSError) and error.strerror else error
-        raise DataError(f"{path}: cannot be written ({what}); name a file where there is room") from error
+        raise write_error(path, error) from error
 
 
 def read_recording(path: Path) -> Recording:
@@ -305,7 +311,10 @@ def _write_head(file: h5py.File, guarded: Guarded, model: Path, shape: tuple[int
 @contextmanager
 def _opened(path: Path) -> Iterator[h5py.File]:
     expected = "expected a recording of exosight"
-    with open_file(path, expected) as content, opened(content, path, "a recording of exosight") as file:
+    with (
+        as_closed(open_file(path, expected)) as content,
+        opened(content, path, "a recording of exosight") as file,
+    ):
         yield file
 
 

@@ -1,13 +1,12 @@
 """A recording's frames through network and guard once more."""
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Float32, Int8, UInt8
 
-from exosight.control.estimator import Reading, read_one
+from exosight.control.estimator import Reading
 from exosight.control.guard import Guarded, Measurement
 from exosight.control.recording import STATES, Recording
 from exosight.control.scheduled import Scheduled
@@ -42,13 +41,12 @@ def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height wid
     command = np.zeros(len(recording))
     for i, image in enumerate(recording.images()):
         measurement = Measurement()
-        if i == 0:
-            with suppress(DataError):
-                read(image[None])  # a size that the network does not take is no matter of single frames
         if recording.has_frame[i]:
-            reading = read_one(read, image)
-            if reading is not None:
+            try:
+                reading = read(image[None])
                 estimated[i] = reading.forces[0]
+            except DataError:  # no finite number, which is no answer
+                reading = None
             reported = recording.reported[i]
             measurement = Measurement(
                 image,

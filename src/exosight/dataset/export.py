@@ -2,7 +2,7 @@
 
 import csv
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from exosight.dataset.manifest import MANIFEST, Manifest, read_manifest
 from exosight.dataset.matlab import to_matlab, write_mat
 from exosight.dataset.store import read_frames, read_variation
 from exosight.errors import DataError, InputError
-from exosight.files import new_file
+from exosight.files import new_file, read_file
 from exosight.system.schema import Channel, SensorSpec
 
 LARGEST_PATH = 256 * 2**20  # [bytes]; a path of 1000 loads takes 1 MiB
@@ -23,18 +23,27 @@ Values = dict[str, Any]
 
 
 def export_dataset(
-    folder: Path, out: Path, progress: Callable[[int, int], None] = lambda done, total: None
+    folder: Path,
+    out: Path,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    with_poses: bool = False,
 ) -> int:
     """Write a complete dataset in another format, and return its number of frames.
 
     out        *.mat, *.npz, or an existing, empty folder for frames.csv and images/*.png
     progress   called with the pictures written and their total, where there are pictures
+    with_poses centrelines and radii of all bodies too, see `exosight.dataset.poses`
 
     Raises DataError if the dataset is damaged or `out` cannot be written, InputError for another format.
     """
     if not out.is_dir():
         check_format(out, (".mat", ".npz"))
     manifest, frames, variation = read_manifest(folder), read_frames(folder), read_variation(folder)
+    shapes: dict[str, np.ndarray] = {}
+    if with_poses:
+        from exosight.dataset.poses import poses  # only now: JAX takes a second to import
+
+        shapes = poses(manifest, frames)
     drawn = {name.replace(".", "_"): values for name, values in variation.items()}
     about: Values = {
         "families": list(manifest.families),
@@ -47,11 +56,14 @@ def export_dataset(
     }
     if out.is_dir():
         _write_folder(out, frames, manifest, variation, about["manifest"], progress)
+        _write_poses(out, shapes)
     elif out.suffix == ".mat":
-        write_mat(out, {**to_matlab(frames), **({"variation": drawn} if drawn else {}), **about})
+        write_mat(out, {**to_matlab(frames), **shapes, **({"variation": drawn} if drawn else {}), **about})
     else:
         arrays = {name: getattr(frames, name) for name in QUANTITIES}
-        _write_npz(out, {**arrays, **{f"variation_{name}": v for name, v in drawn.items()}, **about})
+        _write_npz(
+            out, {**arrays, **shapes, **{f"variation_{name}": v for name, v in drawn.items()}, **about}
+        )
     return len(frames)
 
 
@@ -81,15 +93,11 @@ def read_path(source: Path) -> tuple[dict[str, str], dict[str, np.ndarray]]:
     Raises DataError if the file is missing or holds no path.
     """
     try:
-        if source.stat().st_size > LARGEST_PATH:
-            raise DataError(f"{source}: more than {LARGEST_PATH >> 20} MiB; expected a simulated path")
-        found = json.loads(source.read_bytes())
+        found = json.loads(read_file(source, LARGEST_PATH, "expected a simulated path"))
         records = found["path"]
         names = list(records[0])
         columns = {name: np.asarray([record[name] for record in records]) for name in names}
         about = {name: json.dumps(found[name]) for name in ("exosuit", "units")}
-    except OSError as error:
-        raise DataError(f"{source}: cannot be read ({error.strerror or error})") from error
     except (ValueError, KeyError, TypeError, IndexError, AttributeError, RecursionError) as error:
         raise DataError(
             f"{source}: no simulated path; make one with exosight simulate --json FILE"
@@ -143,6 +151,17 @@ def _write_folder(
     (out / MANIFEST).write_text(text, encoding="utf-8")
 
 
+def _write_poses(out: Path, shapes: Mapping[str, np.ndarray]) -> None:
+    """A table of every body: a row a node of a frame."""
+    for name in (key.removeprefix("axis_") for key in shapes if key.startswith("axis_")):
+        axis, radius = shapes[f"axis_{name}"], shapes[f"radius_{name}"]
+        frame, node = (index.ravel() for index in np.indices(radius.shape))
+        x, y, z = axis.reshape(-1, 3).T
+        columns = {"frame": frame, "node": node, "x_m": x, "y_m": y, "z_m": z, "radius_m": radius.ravel()}
+        with (out / f"pose_{name}.csv").open("w", newline="", encoding="utf-8") as file:
+            _write_rows(file, columns, radius.size)
+
+
 def _named(
     kind: str, entries: Sequence[Channel] | Sequence[SensorSpec], values: np.ndarray
 ) -> dict[str, np.ndarray]:
@@ -164,9 +183,9 @@ def _cell(value: Any) -> Any:
 
 
 def _flat(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """One column a number: `forces` becomes forces_0, forces_1 …"""
+    """One column a number: `forces` becomes forces_0, forces_1 …, an axis axis_0_0, axis_0_1 …"""
     return {
-        name if values.ndim == 1 else f"{name}_{i}": column
+        "_".join([name, *map(str, place)]): values[:, *place]
         for name, values in columns.items()
-        for i, column in enumerate([values] if values.ndim == 1 else values.T)
+        for place in np.ndindex(values.shape[1:])
     }

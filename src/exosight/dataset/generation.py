@@ -35,6 +35,7 @@ from exosight.dataset.manifest import (
     write_manifest,
 )
 from exosight.dataset.simulation import causes, simulate_designs
+from exosight.dataset.solved import SolvedDesigns
 from exosight.dataset.store import write_chunk
 from exosight.dataset.variation import shades_of, variation_columns
 from exosight.errors import DataError, InputError
@@ -120,7 +121,8 @@ def make_chunk(
     record = finished(folder, job, number, group)
     if record is None:
         chosen = [drawn[i] for i in group]
-        frames, dropped = simulate_designs(job.config, designs, chosen, done)
+        kept = SolvedDesigns(folder, number, identity(job))
+        frames, dropped = simulate_designs(job.config, designs, chosen, done, kept)
         columns = variation_columns(job.config, designs, chosen, frames)
         record = ChunkRecord(
             job=identity(job),
@@ -130,12 +132,10 @@ def make_chunk(
             kept=tuple(np.bincount(frames.scenario, minlength=len(designs.scenarios)).tolist()),
             dropped=dropped,
         )
-        try:
-            if len(frames):
-                record = replace(record, entry=write_chunk(folder, number, frames, columns))
-            write_record(folder, record)  # after the frames: what has a record is whole
-        except DataError as error:
-            raise DataError(f"{error}; mend that and run the same command again with --resume") from error
+        if len(frames):
+            record = replace(record, entry=write_chunk(folder, number, frames, columns))
+        write_record(folder, record)  # after the frames: what has a record is whole
+        kept.remove()
     return record
 
 

@@ -4,6 +4,7 @@ job.json          what is to be made, from the start; another configuration or v
 .lock             held by the process that works on the folder; the operating system frees it when that ends
 chunk_0000.h5     frames, written whole and renamed into place
 chunk_0000.json   the record of the chunk with its checksum, written after it
+chunk_0000.npz    the designs of a chunk in the making that are solved already, see `solved`
 """
 
 import fcntl

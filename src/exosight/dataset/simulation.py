@@ -3,17 +3,19 @@
 This module needs JAX; reading a dataset, or `GenerateConfig`, does not.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int, Int8, UInt8
 
+from exosight.arrays import AnyArray
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Frames, concatenate
 from exosight.dataset.load_paths import LoadPath, load_path
 from exosight.dataset.variation import appearance_of, lighting_of
 from exosight.mechanics import Equilibria, Rod, drive
+from exosight.mechanics.batched_continuation import Kept
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet
 from exosight.system.observation import Observation, observe
@@ -33,16 +35,18 @@ def simulate_designs(
     designs: DesignSet,
     chosen: Sequence[Design],
     done: Callable[[int], None] = lambda designs: None,
+    kept: Kept | None = None,
 ) -> tuple[Frames, dict[str, int]]:
     """The frames of some designs, and how many were dropped, by cause.
 
     Depends on the configuration and these designs alone: the same whichever process simulates them, and when.
 
     done   called with the number of designs finished, as they finish
+    kept   designs that an earlier call solved; keeps what this one does
     """
     systems = [designs.build(design) for design in chosen]
     paths = [load_path(designs.schema, config.frames, config.seed, design.number) for design in chosen]
-    found = _solve(systems, paths, done)
+    found = _solve(systems, paths, done, kept)
     seen: Observation = jax.tree.map(np.asarray, observe(stack_systems(systems), found.q))
     cause = first_cause(designs, systems[0], np.asarray(found.converged), seen)
     names = causes(designs)
@@ -85,6 +89,25 @@ def render_design(
     return augment(images, appearance_of(config, numbers), cover(system, seen.axes))
 
 
+CROSSING = (
+    "a rod crosses itself, which it does not feel; choose a smaller command, or a thicker, shorter or "
+    "stiffer rod"
+)
+"""What is said of such a pose."""
+
+
+def crossing(
+    system: System, axes: Mapping[str, Float[AnyArray, "frames nodes 3"]]
+) -> Bool[np.ndarray, " frames"]:
+    """Where a tube that is drawn along a rod crosses itself."""
+    rods = {body.name for body in system.bodies if isinstance(body, Rod)}
+    found = np.zeros(len(next(iter(axes.values()))), bool)
+    for tube in system.tubes:
+        if {body for body, _ in tube.nodes} <= rods:
+            found |= crosses_itself(np.asarray(axes[tube.name]))
+    return found
+
+
 def crosses_itself(line: Float[np.ndarray, "frames points 3"]) -> Bool[np.ndarray, " frames"]:
     """Whether the polyline, seen along y, crosses itself."""
     p, q = line[:, :-1, ::2], line[:, 1:, ::2]
@@ -108,24 +131,20 @@ def first_cause(
 
     system   any of the observed ones: for which tubes are drawn along rods
     """
-    crosses = np.zeros_like(converged)
-    for name in _along_rods(system):
-        crosses |= np.stack([crosses_itself(np.asarray(line)) for line in seen.axes[name]])
+    crosses = np.stack(
+        [crossing(system, {name: axis[i] for name, axis in seen.axes.items()}) for i in range(len(converged))]
+    )
     own = [np.asarray(leaves_out(seen)) for leaves_out in designs.filters.values()]
     faults = (~converged, crosses, *own, np.ones_like(converged))
     return np.argmax(np.stack(faults), axis=0).astype(np.int8)
 
 
-def _along_rods(system: System) -> list[str]:
-    """The tubes whose axis is that of a rod."""
-    rods = {body.name for body in system.bodies if isinstance(body, Rod)}
-    return [tube.name for tube in system.tubes if {body for body, _ in tube.nodes} <= rods]
-
-
-def _solve(systems: Sequence[System], paths: Sequence[LoadPath], done: Callable[[int], None]) -> Equilibria:
+def _solve(
+    systems: Sequence[System], paths: Sequence[LoadPath], done: Callable[[int], None], kept: Kept | None
+) -> Equilibria:
     """The equilibria of every system at the frames of its path, with batch shape (systems, frames)."""
     robots = [system.robot for system in systems]
     loads = [system.loads(path.commands) for system, path in zip(systems, paths, strict=True)]
     frames = paths[0].frames
-    found = drive(robots, np.stack(loads), done=done)
+    found = drive(robots, np.stack(loads), done=done, kept=kept)
     return jax.tree.map(lambda leaf: leaf[:, frames], found)

@@ -15,7 +15,7 @@ from exosight.exosuit.published import published
 from exosight.mechanics import Equilibria, Robot, Rod, drive, walk
 from exosight.system.observation import Observation, observe
 from exosight.system.schema import Schema
-from exosight.system.system import stack_systems
+from exosight.system.system import System, stack_systems
 
 MAX_LOAD = 50.0
 """Largest load that is simulated [N]: far beyond where an exosuit of silicone keeps its shape."""
@@ -33,7 +33,12 @@ class Simulation:
     """Readings and positions, each of shape (loads, …)."""
     tip_angle: Float[np.ndarray, " loads"]
     """Inclination of the exosuit's tip in the x–z plane [rad]: negative downwards, full turns counted."""
-    schema: Schema
+    system: System
+
+    @property
+    def schema(self) -> Schema:
+        """Names and units of its channels and sensors."""
+        return self.system.schema
 
     def reading(self, *sensors: str) -> Float[np.ndarray, "loads ..."]:
         """Readings of one sensor, such as F_net, or of several, a column each [their units]."""
@@ -93,7 +98,7 @@ def simulate(exosuit: Exosuit, loads: Sequence[float]) -> Simulation:
         equilibria=found,
         observation=jax.tree.map(lambda *leaves: np.stack([leaf[0, 0] for leaf in leaves]), *seen),
         tip_angle=np.array([_tip_angle(system.robot, jnp.asarray(q)) for q in found.q]),
-        schema=system.schema,
+        system=system,
     )
 
 

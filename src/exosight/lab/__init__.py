@@ -6,7 +6,7 @@ number of open pages are right at the same time, and what is seen can be made ag
 settings            what a page may ask for: one view, one path, one run of the closed loop
 designs             values of a design that can be set, with sliders; those of a system file
 published_designs   those of the published system
-system              the system that is shown, its commands, and the network that looks at it
+system              the system that is shown, its commands, and the network that reads its images
 controls            how the page shows all that: labels, units, steps
 pose_cache          equilibria of systems along the moves that they are driven by, remembered
 views               one view: pose, picture, true and estimated readings; the path of a channel

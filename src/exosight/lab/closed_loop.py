@@ -1,4 +1,4 @@
-"""Runs of the closed loop, told step by step while they are worked out."""
+"""Runs of the closed loop, reported step by step while they are worked out."""
 
 from collections import OrderedDict
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from exosight.control.simulated import SimulatedPlant
 from exosight.control.tuning import tune
 from exosight.lab.designs import key_of
 from exosight.lab.estimates import reading_of
-from exosight.lab.pictures import photograph, png_text
+from exosight.lab.pictures import camera_image, png_text
 from exosight.lab.settings import Disturbance, LoopSettings
 from exosight.lab.system import LabSystem
 from exosight.lab.views import observe_one, scene_of
@@ -50,10 +50,10 @@ class Stopped(Exception):
     """Nobody listens any more."""
 
 
-def run_trial(settings: LoopSettings, lab: LabSystem, tell: Callable[[Step], None]) -> None:
-    """Run the loop and tell of every step as soon as it is known.
+def run_trial(settings: LoopSettings, lab: LabSystem, report: Callable[[Step], None]) -> None:
+    """Run the loop and report every step as soon as it is known.
 
-    tell   called with each step as JSON values; whatever it raises ends the run
+    report  called with each step as JSON values; whatever it raises ends the run
 
     Raises InputError or ConvergenceError if the system cannot be driven so.
     """
@@ -65,13 +65,13 @@ def run_trial(settings: LoopSettings, lab: LabSystem, tell: Callable[[Step], Non
     if settings.law == "scheduled":
         guarded = Guarded(Scheduled(_tuned(lab, settings, system)))
     real = softer(system) if settings.disturbance == "softer" else system
-    eye = _Eye(settings, lab, real, target, tell, guarded)
+    sensor = _TrialSensor(settings, lab, real, target, report, guarded)
     plant = SimulatedPlant(real)
     if guarded is not None:
-        run_guarded(plant, guarded, eye.look, target)
+        run_guarded(plant, guarded, sensor.measure, target)
     else:
         law = Proportional(settings.gain, channel)
-        run(plant, law, eye.measure, target, settings.sensor, settings.channel)
+        run(plant, law, sensor.value, target, settings.sensor, settings.channel)
 
 
 def softer(system: System) -> System:
@@ -101,8 +101,8 @@ def _tuned(lab: LabSystem, settings: LoopSettings, system: System) -> Controller
         return _known[key]
 
 
-class _Eye:
-    """Looks at the plant through the view's camera, lets go wrong what is to go wrong, and tells."""
+class _TrialSensor:
+    """Measures the plant through the view's camera with the disturbance asked for, and reports each step."""
 
     def __init__(
         self,
@@ -110,28 +110,28 @@ class _Eye:
         lab: LabSystem,
         system: System,
         target: np.ndarray,
-        tell: Callable[[Step], None],
+        report: Callable[[Step], None],
         guarded: Guarded | None,
     ) -> None:
         self._settings, self._lab, self._system = settings, lab, system
-        self._target, self._tell, self._guarded = target, tell, guarded
+        self._target, self._report, self._guarded = target, report, guarded
         self._stacked = stack_systems([system])
         self._weights = lab.schema.weights(str(settings.sensor))
         self._channel = lab.channel(settings.channel)
         self._step = 0
         self._last = Measurement()
 
-    def measure(self, observation: Observation) -> float:
+    def value(self, observation: Observation) -> float:
         """The controlled sensor for a law without a guard; NaN where there is no estimate."""
-        return self.look(observation).sum(self._weights)
+        return self.measure(observation).sum(self._weights)
 
-    def look(self, observation: Observation) -> Measurement:
-        """What is known of the plant in this step."""
-        image = photograph(self._settings.view.look, observation.image[None], self._step)[0]
+    def measure(self, observation: Observation) -> Measurement:
+        """Measure the plant, and report the step."""
+        image = camera_image(self._settings.view.camera, observation.image[None], self._step)[0]
         measurement = self._disturbed(replace(observation, image=image))
         self._last = measurement
         reading = measurement.reading
-        self._tell(
+        self._report(
             {
                 "time": self._step / RATE,
                 "target": float(self._target[self._step]),

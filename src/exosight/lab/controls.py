@@ -8,13 +8,13 @@ import pydantic
 from exosight import __version__
 from exosight.control.estimator import OnnxEstimator
 from exosight.lab.designs import Slider
-from exosight.lab.settings import Corruption, Disturbance, Law, Look, LoopSettings, Measured, View
+from exosight.lab.settings import CameraSettings, Corruption, Disturbance, Law, LoopSettings, Measured, View
 from exosight.lab.system import LabSystem
 from exosight.lab.views import zones_of
 from exosight.system.schema import SensorSpec
 from exosight.system.system import System
 
-_LOOK = (
+_CAMERA = (
     ("shift_x", "Shift right", "%", 100.0, 0.01),
     ("shift_y", "Shift down", "%", 100.0, 0.01),
     ("roll", "Turn", "rad", 1.0, 0.01),
@@ -75,7 +75,7 @@ def about(lab: LabSystem, start: View) -> dict[str, Any]:
         "scene": _scene(system),
         "network": _network(lab.network, lab.refusal),
         "design": [asdict(group) for group in lab.controls.groups],
-        "look": [asdict(_bounded(Look, *words)) for words in _LOOK],
+        "camera": [asdict(_bounded(CameraSettings, *words)) for words in _CAMERA],
         "corruptions": _options(get_args(Corruption), _CORRUPTION_WORDS),
         "run": _run(lab),
     }

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.arrays import AnyArray
-from exosight.lab.settings import Look
+from exosight.lab.settings import CameraSettings
 from exosight.system.camera import project
 from exosight.system.system import System
 from exosight.vision.augment import Appearance, augment
@@ -35,37 +35,38 @@ _SPOILT: dict[str, dict[str, float]] = {
 }
 
 
-def photograph(
-    look: Look, clean: UInt8[np.ndarray, "1 height width"], frame: int = 0
+def camera_image(
+    settings: CameraSettings, clean: UInt8[np.ndarray, "1 height width"], frame: int = 0
 ) -> UInt8[np.ndarray, "1 height width"]:
     """A clean picture as the view's camera takes it, corruption included.
 
     frame   of a sequence: decides the noise
     """
-    image = augment(clean, _appearance(look))
-    return corrupt(image, look.corruption, seed=0, first=frame) if look.corruption in CORRUPTIONS else image
+    image = augment(clean, _appearance(settings))
+    corruption = settings.corruption
+    return corrupt(image, corruption, seed=0, first=frame) if corruption in CORRUPTIONS else image
 
 
-def _appearance(look: Look) -> Appearance:
+def _appearance(settings: CameraSettings) -> Appearance:
     changed = {
-        "shift_x": look.shift_x,
-        "shift_y": look.shift_y,
-        "roll": look.roll,
-        "zoom": look.zoom,
-        "tilt_y": look.tilt,
-        **_SPOILT.get(look.corruption, {}),
+        "shift_x": settings.shift_x,
+        "shift_y": settings.shift_y,
+        "roll": settings.roll,
+        "zoom": settings.zoom,
+        "tilt_y": settings.tilt,
+        **_SPOILT.get(settings.corruption, {}),
     }
     return Appearance.neutral(1, **changed)
 
 
 def tubes_outside(
-    look: Look, system: System, axes: Mapping[str, Float[AnyArray, "nodes 3"]]
+    settings: CameraSettings, system: System, axes: Mapping[str, Float[AnyArray, "nodes 3"]]
 ) -> tuple[str, ...]:
     """Names of the tubes that reach beyond the image of the view's camera, by more than half a pixel.
 
     axes   of the tubes, by name [m]
     """
-    camera, columns = system.camera, _appearance(look).columns
+    camera, columns = system.camera, _appearance(settings).columns
     angle = np.linspace(0, 2 * np.pi, _AROUND, endpoint=False)
     circle = np.stack([np.cos(angle), np.zeros(_AROUND), np.sin(angle)], axis=-1)
     outside = []

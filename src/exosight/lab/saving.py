@@ -12,10 +12,10 @@ from exosight.lab.estimates import reading_of
 from exosight.lab.pictures import png_of
 from exosight.lab.settings import PathSettings, View
 from exosight.lab.system import LabSystem
-from exosight.lab.views import Seen, path_answer, path_of, see
+from exosight.lab.views import ViewResult, compute_view, path_answer, path_of
 
 
-def readings_csv(seen: Seen, lab: LabSystem) -> str:
+def readings_csv(seen: ViewResult, lab: LabSystem) -> str:
     """True and estimated readings, a row a sensor; empty where the network says nothing."""
     header = ("sensor", "unit", "true", "estimated", "from", "to", "contact probability")
     estimates = {} if seen.reading is None else reading_of(seen.reading, lab.schema)["estimates"]
@@ -27,7 +27,7 @@ def readings_csv(seen: Seen, lab: LabSystem) -> str:
     return as_csv(header, rows)
 
 
-def pose_csv(seen: Seen) -> str:
+def pose_csv(seen: ViewResult) -> str:
     """Centreline and radius of every tube, a row a node, from its base to its tip; positions in the world."""
     rows: list[Sequence[Any]] = []
     for tube in seen.system.tubes:
@@ -37,7 +37,7 @@ def pose_csv(seen: Seen) -> str:
     return as_csv(("tube", "node", "x [m]", "y [m]", "z [m]", "radius [m]"), rows)
 
 
-VIEW_FILES: dict[str, Callable[[Seen, LabSystem], bytes]] = {
+VIEW_FILES: dict[str, Callable[[ViewResult, LabSystem], bytes]] = {
     "picture.png": lambda seen, lab: png_of(seen.image),
     "pose.csv": lambda seen, lab: pose_csv(seen).encode(),
     "readings.csv": lambda seen, lab: readings_csv(seen, lab).encode(),
@@ -55,7 +55,7 @@ def path_csv(path: dict[str, Any], lab: LabSystem) -> str:
 
 def write_view(view: View, lab: LabSystem, folder: Path) -> None:
     """Write picture, pose, readings, path and settings of a view into an empty folder."""
-    seen = see(view, lab)
+    seen = compute_view(view, lab)
     settings = PathSettings(view)
     path = path_answer(settings, path_of(settings, lab), lab.cached(view), lab)
     for name, content in VIEW_FILES.items():

@@ -34,7 +34,7 @@ from exosight.lab.security import LOOPBACK, SecurityMiddleware, read_body
 from exosight.lab.settings import LoopSettings, PathSettings, Settings, View, read_settings
 from exosight.lab.system import LabSystem
 from exosight.lab.uploads import LARGEST_UPLOAD, estimate
-from exosight.lab.views import answer, path_answer, path_of, see
+from exosight.lab.views import answer, compute_view, path_answer, path_of
 
 _LARGEST_SETTINGS = 64 * 2**10  # bytes
 _UPLOADS = 8
@@ -120,7 +120,7 @@ def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token
             raise HTTPException(404, f"save: expected {', '.join(VIEW_FILES)} or path.csv")
         settings = await _settings(request, View, lab)
         queue = await work.queue(work.light if lab.is_light(settings) else work.heavy)
-        seen = await queue.do(request, see, settings, lab)
+        seen = await queue.do(request, compute_view, settings, lab)
         return _file(VIEW_FILES[name](seen, lab), name)
 
     async def picture(request: Request) -> Response:
@@ -159,7 +159,7 @@ def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token
 
 def _warm_up(lab: LabSystem, start: View) -> None:
     """Compile all that a view needs."""
-    see(start, lab)
+    compute_view(start, lab)
     settings = PathSettings(start)
     path_answer(settings, path_of(settings, lab), lab.cached(start), lab)
 
@@ -171,7 +171,7 @@ async def _settings(request: Request, kind: type[Settings], lab: LabSystem) -> S
 
 
 def _answer(settings: View, lab: LabSystem) -> dict[str, Any]:
-    return answer(settings, see(settings, lab), lab)
+    return answer(settings, compute_view(settings, lab), lab)
 
 
 async def _wrong(_: Request, error: Exception) -> Response:
@@ -226,6 +226,7 @@ def listen(host: str, port: int) -> socket.socket:
         listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.bind(address)
+        listener.listen(BACKLOG)  # from here on, as the address is printed before the server has started
     except OSError as error:
         if listener is not None:
             listener.close()

@@ -30,7 +30,7 @@ DesignValues = Annotated[dict[str, pydantic.JsonValue], Field(max_length=256)]
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
-class Look:
+class CameraSettings:
     """What the camera does to the picture, and what is wrong with it."""
 
     shift_x: Annotated[float, Field(ge=-0.2, le=0.2, allow_inf_nan=False)] = 0.0
@@ -49,14 +49,14 @@ class Look:
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class View:
-    """A design of the system, how it was driven, and what looks at it."""
+    """A design of the system, how it was driven, and its camera."""
 
     design: DesignValues = Field(default_factory=dict)
     """what differs from the nominal design, by the keys of the system's sliders; see `DesignControls`"""
     drive: Annotated[tuple[Commands, ...], Field(max_length=64)] = ()
     """stops, one after the other from rest, each a command a channel [their units]; the channels move there
     one by one, in their order; the last stop is seen, and rest if there is none"""
-    look: Look = Field(default_factory=Look)
+    camera: CameraSettings = Field(default_factory=CameraSettings)
     """what the camera does"""
 
 

@@ -1,4 +1,4 @@
-"""The system that the lab shows: its designs, the commands of its channels, the network that looks at it."""
+"""The system that the lab shows: its designs, the commands of its channels, and its network."""
 
 import shlex
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from exosight.exosuit.catalogue import PRESETS, find_system
 from exosight.lab.designs import DesignControls, file_controls, key_of
 from exosight.lab.pose_cache import CachedSystem, Drive, Grid, Move, PoseCache, grid_of
 from exosight.lab.published_designs import published_controls
-from exosight.lab.settings import Look, LoopSettings, PathSettings, View
+from exosight.lab.settings import CameraSettings, LoopSettings, PathSettings, View
 from exosight.system.designs import DesignSet, FileDesigns
 from exosight.system.schema import Schema, SensorSpec, network_difference
 
@@ -119,9 +119,9 @@ class LabSystem:
         if view.drive != self.start.drive:
             commands = [command for stop in view.drive for command in stop] or [0.0] * len(self.grids)
             words += ["--drive", *(f"{command:.10g}" for command in commands)]
-        nominal = Look()
-        for each in fields(Look):
-            value = getattr(view.look, each.name)
+        nominal = CameraSettings()
+        for each in fields(CameraSettings):
+            value = getattr(view.camera, each.name)
             if value != getattr(nominal, each.name):
                 text = value if isinstance(value, str) else f"{value:.10g}"
                 words += [f"--{each.name.replace('_', '-')}", text]

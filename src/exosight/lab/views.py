@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.control.estimator import Reading
-from exosight.dataset.simulation import causes, first_cause
+from exosight.dataset.simulation import CROSSING, causes, first_cause
 from exosight.lab.estimates import judge, reading_of
-from exosight.lab.pictures import photograph, png_text, tubes_outside
+from exosight.lab.pictures import camera_image, png_text, tubes_outside
 from exosight.lab.pose_cache import STRIDE, CachedSystem, Move, Rest, round125
 from exosight.lab.settings import PathSettings, View
 from exosight.lab.system import LabSystem
@@ -27,7 +27,7 @@ _PART = 16  # steps of a path that are solved in one go
 
 
 @dataclass(frozen=True)
-class Seen:
+class ViewResult:
     """All that one view shows.
 
     system       of the view's design
@@ -46,16 +46,16 @@ class Seen:
     notes: tuple[str, ...]
 
 
-def see(view: View, lab: LabSystem) -> Seen:
+def compute_view(view: View, lab: LabSystem) -> ViewResult:
     """Everything that one view shows."""
     cached = lab.cached(view)
     rest = cached.at(lab.moves(view))
     observation = observe_one(cached.stacked, rest.q)
     axes = {name: axis[None] for name, axis in observation.axes.items()}
-    image = photograph(view.look, picture(cached.system, axes))
+    image = camera_image(view.camera, picture(cached.system, axes))
     reading = lab.network.read(image) if lab.refusal is None else None
     notes = _notes(lab, cached.system, rest, observation) + _outside(view, cached.system, observation)
-    return Seen(cached.system, rest, observation, image[0], reading, notes)
+    return ViewResult(cached.system, rest, observation, image[0], reading, notes)
 
 
 def observe_one(stacked: System, q: Float[np.ndarray, " dofs"]) -> Observation:
@@ -66,7 +66,7 @@ def observe_one(stacked: System, q: Float[np.ndarray, " dofs"]) -> Observation:
 
 _NOTES = {
     "not_converged": "no stable pose was found at this command; what is seen is the last one before",
-    "crosses_itself": "a rod crosses itself, which it does not feel; datasets drop such frames",
+    "crosses_itself": f"{CROSSING}; datasets drop such frames",
 }
 
 
@@ -83,13 +83,13 @@ def _notes(lab: LabSystem, system: System, rest: Rest, observation: Observation)
 
 def _outside(view: View, system: System, observation: Observation) -> tuple[str, ...]:
     """Which tubes reach beyond the camera image, in words."""
-    names = tubes_outside(view.look, system, observation.axes)
+    names = tubes_outside(view.camera, system, observation.axes)
     if not names:
         return ()
     return (f"partly outside the camera image: {', '.join(names)}; the network reads only what is inside",)
 
 
-def answer(view: View, seen: Seen, lab: LabSystem) -> dict[str, Any]:
+def answer(view: View, seen: ViewResult, lab: LabSystem) -> dict[str, Any]:
     """A view as JSON values: millimetres, sensors and commands in their units."""
     reading = seen.reading
     schema = lab.schema
@@ -102,7 +102,7 @@ def answer(view: View, seen: Seen, lab: LabSystem) -> dict[str, Any]:
         "readings": readings_of(seen.observation, lab),
         "reading": None if reading is None else reading_of(reading, schema),
         "guard": None if reading is None else judge(seen.image, reading, schema),
-        "command": lab.command(View(view.design, stops, view.look)),
+        "command": lab.command(View(view.design, stops, view.camera)),
     }
 
 

@@ -7,20 +7,21 @@ as text, the JSON of the rest of `Checkpoint` and a SHA-256 over everything. Not
 
 import hashlib
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated
 
 import pydantic
+import pydantic_core
 import safetensors.torch
 import torch
 from torch import Tensor, nn
 
 import exosight
 from exosight.errors import DataError, InputError
-from exosight.files import check_format, replace_file
-from exosight.learning.config import LONGEST_HISTORY, Settings
+from exosight.files import check_format, read_file, replace_file
+from exosight.learning.config import Settings
 from exosight.learning.history import EpochRecord
 from exosight.learning.networks import Network, SensorModel, build_network
 from exosight.learning.outputs import nonnegative
@@ -30,6 +31,10 @@ from exosight.validation import first_fault
 CHECKPOINT_NAME = "checkpoint.safetensors"
 MOMENTS = ("exp_avg", "exp_avg_sq")
 _FORMAT = 3
+_LARGEST_FILE = 2**36  # bytes; of images of 4096×4096 pixels it has five times 2**30
+
+Count = Annotated[int, pydantic.Field(ge=0, lt=2**53)]
+Sum = Annotated[float, pydantic.Field(allow_inf_nan=False)]
 
 
 @dataclass(frozen=True)
@@ -64,17 +69,17 @@ class RunIdentity:
 class Position:
     """Where a run stands."""
 
-    epoch: int = 0
+    epoch: Count = 0
     """epochs completed"""
-    batch: int = 0
+    batch: Count = 0
     """steps done in the epoch under way"""
-    step: int = 0
+    step: Count = 0
     """steps since the start"""
-    loss_sum: float = 0.0
+    loss_sum: Sum = 0.0
     """sum of the output losses of the epoch's images so far"""
-    seconds: float = 0.0
+    seconds: Sum = 0.0
     """time spent training [s]"""
-    best_epoch: int = 0
+    best_epoch: Count = 0
     """the epoch whose network is kept as the best, 0 before the first validation"""
     complete: bool = False
     """whether the run has come to its end"""
@@ -132,17 +137,13 @@ def load_checkpoint(source: Path) -> Checkpoint:
     Raises DataError if it is missing, truncated, damaged, of another format, or does not fit its own network.
     """
     path = source / CHECKPOINT_NAME if source.is_dir() else source
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise DataError(
-            f"{path}: cannot be read ({error.strerror}); expected a training run's checkpoint"
-        ) from error
+    data = read_file(path, _LARGEST_FILE, "expected a training run's checkpoint")
     try:
         tensors = safetensors.torch.load(data)
         texts = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])["__metadata__"]
         written, digest = texts["exosight"], texts["sha256"]
-        found = json.loads(written)["format"]
+        values = pydantic_core.from_json(written, allow_inf_nan=False)
+        found = values["format"]
     except (safetensors.SafetensorError, ValueError, KeyError, TypeError) as error:
         raise DataError(
             f"{path}: not a checkpoint of exosight, or damaged; train again or use a copy"
@@ -151,7 +152,7 @@ def load_checkpoint(source: Path) -> Checkpoint:
         raise DataError(f"{path}: damaged, its checksum does not fit its contents; train again or use a copy")
     check_format(path, "checkpoint", found, _FORMAT, "train again in a new folder")
     try:
-        header = _HEADER.validate_json(written)
+        header = _HEADER.validate_python(values)
     except pydantic.ValidationError as error:
         raise DataError(
             f"{path}: written by another version of exosight ({first_fault(error)}); use that one"
@@ -225,18 +226,14 @@ def _contradiction(checkpoint: Checkpoint) -> str | None:
     run, position, history = checkpoint.run, checkpoint.position, checkpoint.history
     if not run.schema.outputs:
         return "its system has no sensor to estimate"
-    if len(run.output_scale) != len(run.schema.outputs) or not all(
-        0 < x < math.inf for x in run.output_scale
-    ):
+    if len(run.output_scale) != len(run.schema.outputs) or not _are_scales(run.output_scale):
         return f"output_scale is {run.output_scale}"
-    if len(run.auxiliary_scale) > 1000 or not all(0 < x < math.inf for x in run.auxiliary_scale):
+    if len(run.auxiliary_scale) > 1000 or not _are_scales(run.auxiliary_scale):
         return f"auxiliary_scale is {run.auxiliary_scale[:3]}, …"
-    if not 0 <= run.settings.history <= LONGEST_HISTORY:
-        return f"history is {run.settings.history}"
     if [record.epoch for record in history] != list(range(1, position.epoch + 1)):
         return f"{position.epoch} epochs done, but {len(history)} in the history"
     validated = {record.epoch for record in history if record.validation_loss is not None}
-    if min(position.batch, position.step) < 0 or position.best_epoch not in validated | {0}:
+    if position.best_epoch not in validated | {0}:
         return f"the position is {position}"
     try:
         # No memory is taken for the weights, however large an image size the header claims.
@@ -257,6 +254,11 @@ def _contradiction(checkpoint: Checkpoint) -> str | None:
         if not tensor.isfinite().all():
             return f"{name} is not finite"
     return None
+
+
+def _are_scales(scales: tuple[float, ...]) -> bool:
+    """Whether single precision holds them and their products with answers."""
+    return all(1e-20 <= x <= 1e20 for x in scales)
 
 
 def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

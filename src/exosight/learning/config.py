@@ -21,6 +21,13 @@ PRETRAINED_SHARE = 1 / 3
 """Share of the recipe's learning rate for a network that does not start from random weights: what is known is
 lost again at a high rate (docs/log.md)."""
 
+Epochs = Annotated[int, Field(ge=1, le=100_000)]
+LearningRate = Annotated[float, Field(gt=0, le=1)]
+Batch = Annotated[int, Field(ge=4, le=65_536)]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+History = Annotated[int, Field(ge=0, le=LONGEST_HISTORY)]
+Threads = Annotated[int, Field(ge=1, le=1024)]
+
 _RECIPE_OF_NETWORK: dict[NetworkName, RecipeName] = {"light": "modern", "paper": "paper"}
 
 
@@ -33,19 +40,19 @@ class TrainConfig:
     recipe: RecipeName | None = None
     """modern: one-cycle AdamW, rare contacts more often, images moved, faded, noisy; clean: as they are;
     paper: Adam until a plateau, on images as they are; default: modern for light, paper for paper"""
-    epochs: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    epochs: Epochs | None = None
     """passes over the training part; default: the recipe's (paper: at most, it stops when it stalls)"""
-    learning_rate: Annotated[float, Field(gt=0, le=1)] | None = None
+    learning_rate: LearningRate | None = None
     """largest learning rate; default: the recipe's, a third of it with --pretrained"""
-    batch: Annotated[int, Field(ge=4, le=65_536)] | None = None
+    batch: Batch | None = None
     """images a step; default: the recipe's"""
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    seed: Seed = 0
     """decides the first weights and the order of the images"""
-    history: Annotated[int, Field(ge=0, le=LONGEST_HISTORY)] = 0
+    history: History = 0
     """earlier images of the same system that are inputs of the light network beside the one it reads"""
     actuation: bool = False
     """whether the commands of all channels are an input of the light network as well"""
-    threads: Annotated[int, Field(ge=1, le=1024)] | None = None
+    threads: Threads | None = None
     """CPU threads; default: one a core. Another count rounds differently in the last digit"""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """where to train; auto: the GPU where there is one"""
@@ -62,14 +69,14 @@ class Settings:
     as it decides defaults of others, so that it is what is named where two runs differ."""
     network: NetworkName
     recipe: RecipeName
-    epochs: int
-    learning_rate: float
-    batch: int
-    seed: int
-    threads: int
+    epochs: Epochs
+    learning_rate: LearningRate
+    batch: Batch
+    seed: Seed
+    threads: Threads
     device: Literal["cpu", "cuda"]
     precision: Precision
-    history: int
+    history: History
     actuation: bool
 
 

@@ -18,7 +18,7 @@ import pydantic_core
 
 from exosight.errors import DataError, InputError
 from exosight.files import read_file
-from exosight.learning.config import LONGEST_HISTORY
+from exosight.learning.config import History
 from exosight.learning.intervals import LEVELS, Widths
 from exosight.system.schema import Channel, Schema, network_difference, schema_to_dict
 from exosight.validation import first_fault
@@ -69,7 +69,7 @@ class ModelCard:
     """of the intervals around its estimates"""
     ood_limit: Annotated[float, pydantic.Field(ge=1e-3, le=1e6)]
     """score beyond which an image is out of distribution"""
-    history: Annotated[int, pydantic.Field(ge=0, le=LONGEST_HISTORY)] = 0
+    history: History = 0
     """earlier images that are inputs beside the one it reads, as further channels, the newest first"""
     actuation: bool = False
     """whether it has a second input, the commands of all channels"""

@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from threading import Lock
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -78,14 +78,29 @@ class Solutions(NamedTuple):
     snaps: list[list[Snap]]
 
 
+@runtime_checkable
+class Kept(Protocol):
+    """What keeps the robots that are finished, so that a solve which was stopped goes on with the others."""
+
+    def restore(self, found: Solutions) -> list[int]:
+        """Put into the rows of `found` what is kept, all but `snaps`; returns the robots' numbers."""
+        ...
+
+    def finished(self, number: int, found: Solutions) -> None:
+        """The row of one more robot is final; called from several threads, which write the other rows."""
+        ...
+
+
 def solve(
     problems: Problems,
     options: SolverOptions,
     done: Callable[[int], None] = lambda robots: None,
+    kept: Kept | None = None,
 ) -> Solutions:
     """Every robot brought to its loads, one after the other.
 
     done   called with the number of robots finished, as they finish
+    kept   what an earlier solve of the same problems finished, and keeps what this one does
     """
     robots, channels = len(problems.loads), problems.loads.shape[2]
     on_cpu = jax.default_backend() == "cpu"
@@ -94,14 +109,22 @@ def solve(
     shapes = tuple(leaf.shape[1:] for leaf in problems.leaves)
     program = program_of(problems.structure, shapes, channels) if options.unrolled else None
     compiled = _compiled(problems.structure, program)
-    queue = _Queue(robots)
     found = _nothing(problems)
+    known = kept.restore(found) if kept else []
+    queue = _Queue(sorted(set(range(robots)) - set(known)))
+    if known:
+        done(len(known))
+
+    def finished(number: int) -> None:
+        if kept:
+            kept.finished(number, found)
+        done(1)
 
     def step(rows: list[np.ndarray], lane: _Lane, enough: int) -> tuple[ContinuationState, Array]:
         return compiled(rows, lane, options.tolerance, options.max_iterations, enough)
 
     def work() -> None:
-        _fill_lanes(problems, lanes, step, queue, found, done)
+        _fill_lanes(problems, lanes, step, queue, found, finished)
 
     # Compiled calls release Python's lock, so one thread a core keeps every core busy.
     workers = min(cores(), -(-robots // lanes)) if on_cpu else 1
@@ -124,11 +147,12 @@ def _fill_lanes(
     step: Callable[..., tuple[ContinuationState, Array]],
     queue: "_Queue",
     found: Solutions,
-    done: Callable[[int], None],
+    finished: Callable[[int], None],
 ) -> None:
     """The work of one thread: so many lanes, each given another robot once it is done, until none waits.
 
-    step   (robots' arrays, lanes, how many must be done) -> (states, metrics)
+    step       (robots' arrays, lanes, how many must be done) -> (states, metrics)
+    finished   called with the number of every robot that is
     """
     numbers = queue.take(lanes)
     if not numbers:
@@ -159,7 +183,7 @@ def _fill_lanes(
             first[at] = start + int(lane.total[at])
             _keep(found, lane.state.records, at, number, slice(start, first[at]), metrics[at])
             if first[at] == problems.loads.shape[1]:
-                done(1)
+                finished(number)
                 numbers[at] = number = next(iter(queue.take(1)), -1)
                 if number < 0:
                     continue
@@ -260,18 +284,17 @@ def _keep_snaps(found: Solutions, state: ContinuationState, lane: int, number: i
 class _Queue:
     """Numbers of the robots that nobody has taken yet."""
 
-    def __init__(self, count: int) -> None:
-        self._next, self._count, self._lock = 0, count, Lock()
+    def __init__(self, numbers: list[int]) -> None:
+        self._numbers, self._lock = numbers, Lock()
         self.stopped = False
 
     def waiting(self) -> bool:
-        return self._next < self._count
+        return bool(self._numbers)
 
     def take(self, most: int) -> list[int]:
         with self._lock:
-            taken = range(self._next, min(self._next + most, self._count))
-            self._next = taken.stop
-        return list(taken)
+            taken, self._numbers = self._numbers[:most], self._numbers[most:]
+        return taken
 
 
 @lru_cache(maxsize=64)

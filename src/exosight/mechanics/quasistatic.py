@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
-from exosight.mechanics.batched_continuation import Problems, Snap, Solutions, solve
+from exosight.mechanics.batched_continuation import Kept, Problems, Snap, Solutions, solve
 from exosight.mechanics.equilibrium import Equilibria, SolverOptions, stack
 from exosight.mechanics.robot import Robot
 
@@ -66,7 +66,7 @@ def advance(
     loads = np.asarray(loads, dtype=float)
     if loads.ndim != 2:
         raise InputError(f"loads: expected shape (robots, channels), got {loads.shape}")
-    found = _solve(batch, loads[:, None], state, options, lambda robots: None)
+    found = _solve(batch, loads[:, None], state, options)
     reached = State(found.q[:, 0], found.load[:, 0], state.history)
     return reached, jax.tree.map(lambda leaf: leaf[:, 0], _equilibria(found))
 
@@ -78,6 +78,7 @@ def drive(
     state: State | None = None,
     options: SolverOptions = _DEFAULT,
     done: Callable[[int], None] = lambda robots: None,
+    kept: Kept | None = None,
 ) -> Equilibria:
     """The equilibria of robots along paths of loads.
 
@@ -85,13 +86,14 @@ def drive(
               in the order of the path, with straight ways between
     state     where the path starts; by default the unstrained pose at zero load
     done      called with the number of robots finished, as they finish
+    kept      robots that an earlier call finished; keeps what this one does
     returns   Equilibria with batch shape (robots,) and fields (loads,)
 
     A robot that finds no stable equilibrium on the way to a load says so in `converged`, stays in the last
     one, and goes on from there to the next load. Compiled once a structure and number of lanes. Raises
     InputError for what does not fit.
     """
-    return _equilibria(_solve(_batched(robots), loads, state, options, done))
+    return _equilibria(_solve(_batched(robots), loads, state, options, done, kept))
 
 
 def locate_snaps(
@@ -102,7 +104,7 @@ def locate_snaps(
     options: SolverOptions = _DEFAULT,
 ) -> tuple[Equilibria, list[list[Snap]]]:
     """What `drive` returns, and each robot's snaps in the order of its path."""
-    found = _solve(_batched(robots), loads, state, options, lambda robots: None)
+    found = _solve(_batched(robots), loads, state, options)
     return _equilibria(found), found.snaps
 
 
@@ -126,7 +128,8 @@ def _solve(
     loads: Float[np.ndarray, "*robots loads channels"],
     state: State | None,
     options: SolverOptions,
-    done: Callable[[int], None],
+    done: Callable[[int], None] = lambda robots: None,
+    kept: Kept | None = None,
 ) -> Solutions:
     leaves, structure = jax.tree.flatten(robots)
     leaves = [np.asarray(leaf) for leaf in leaves]
@@ -150,7 +153,7 @@ def _solve(
         if value.shape != shape or not np.all(np.isfinite(value)):
             raise InputError(f"state.{name}: expected finite numbers of shape {shape}, got {value.shape}")
     problems = Problems(structure, leaves, q, origin, loads)
-    return solve(problems, options, done)
+    return solve(problems, options, done, kept)
 
 
 def _equilibria(found: Solutions) -> Equilibria:

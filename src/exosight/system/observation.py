@@ -1,5 +1,6 @@
 """What sensors read, and where surfaces are, at coordinates of a system."""
 
+from collections.abc import Mapping
 from functools import partial
 
 import equinox as eqx
@@ -32,6 +33,26 @@ class Observation(eqx.Module):
     forces: Float[AnyArray, "*batch zones 3"]
     places: Float[AnyArray, "*batch zones 3"]
     axes: dict[str, Float[AnyArray, "*batch nodes 3"]]
+
+
+POSE_UNITS = {"axis": "x, y, z in m, of each node on the centreline", "radius": "m, at each node"}
+"""What the arrays of `body_shapes` hold, by the beginning of their names."""
+
+
+def body_shapes(
+    system: System, axes: Mapping[str, Float[AnyArray, "states nodes 3"]]
+) -> dict[str, np.ndarray]:
+    """The centrelines of a system's bodies and the radii along them, as other programs take them.
+
+    axes      of every tube in each state [m], see `Observation`
+    returns   of each tube axis_NAME (states, nodes, 3) and radius_NAME (states, nodes) [m]
+    """
+    found: dict[str, np.ndarray] = {}
+    for tube in system.tubes:
+        axis = np.asarray(axes[tube.name], np.float64)
+        found[f"axis_{tube.name}"] = axis
+        found[f"radius_{tube.name}"] = np.tile(np.asarray(tube.radius, np.float64), (len(axis), 1))
+    return found
 
 
 @eqx.filter_jit

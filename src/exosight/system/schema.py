@@ -7,6 +7,7 @@ and is compared wherever two of them meet. Usable without JAX.
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -84,7 +85,8 @@ class ViewSpec:
 class Schema:
     """Names, units and ranges of everything that goes into a system and comes out of it.
 
-    Raises a validation error if a name is used twice, or a sum names a sensor that does not come before it.
+    Raises a validation error if a name is used twice, or a sum names a sensor that does not come before it or
+    counts one twice.
     """
 
     system: Name
@@ -101,6 +103,7 @@ class Schema:
             if unknown:
                 raise ValueError(f"sensor {sensor.name}: it sums {unknown[0]}, which is no sensor before it")
             known.add(sensor.name)
+        _ = self._sums  # as a check
 
     @property
     def estimated(self) -> tuple[SensorSpec, ...]:
@@ -115,7 +118,7 @@ class Schema:
     @property
     def controllable(self) -> tuple[str, ...]:
         """Names of the sensors that follow from what is estimated: the estimated ones and their sums."""
-        return tuple(sensor.name for sensor in self.sensors if self._parts(sensor.name) is not None)
+        return tuple(sensor.name for sensor in self.sensors if sensor.name in self._sums)
 
     @property
     def controlled(self) -> str:
@@ -189,23 +192,23 @@ class Schema:
         Raises InputError for a sensor that does not follow from the estimated ones.
         """
         self.index(name)
-        parts = self._parts(name)
-        if parts is None:
+        if name not in self._sums:
             raise InputError(
                 f"sensor {name}: it is not estimated from images; choose one of "
                 f"{', '.join(self.controllable)}"
             )
-        return np.array([float(parts.count(output)) for output in self.outputs])
+        return self._sums[name].copy()
 
-    def _parts(self, name: str) -> list[str] | None:
-        """The estimated sensors whose sum a sensor is, or None if it is no such sum."""
-        sensor = self.sensor(name)
-        if sensor.estimated:
-            return [name]
-        parts = [self._parts(part) for part in sensor.parts]
-        if not parts or any(part is None for part in parts):
-            return None
-        return [output for part in parts for output in part or ()]
+    @cached_property
+    def _sums(self) -> dict[str, Float[np.ndarray, " outputs"]]:
+        """`weights` of every sensor that follows from the estimated ones, each part before its sum."""
+        found = dict(zip(self.outputs, np.eye(len(self.outputs)), strict=True))
+        for sensor in self.sensors:
+            if sensor.name not in found and sensor.parts and found.keys() >= set(sensor.parts):
+                found[sensor.name] = np.sum([found[part] for part in sensor.parts], axis=0)
+                if (found[sensor.name] > 1).any():  # sums of sums of sums would grow without limit
+                    raise ValueError(f"sensor {sensor.name}: it counts a sensor twice")
+        return found
 
     @property
     def limits(self) -> tuple[Float[np.ndarray, " channels"], Float[np.ndarray, " channels"]]:

@@ -2,6 +2,7 @@
 
 import ctypes
 import io
+import logging
 import warnings
 from contextlib import suppress
 from pathlib import Path
@@ -20,6 +21,7 @@ LARGEST_PICTURE = 40_000_000
 KINDS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP")
 """What is read, as Pillow names it."""
 
+logging.getLogger("PIL").addHandler(logging.NullHandler())  # else Python prints its complaints to stderr
 with suppress(AttributeError, OSError):  # a Pillow without libtiff, or with one that cannot be reached
     # libtiff writes about damaged files to the process's stderr, and Pillow lets it.
     ctypes.CDLL(_imaging.__file__).TIFFSetErrorHandler(None)

@@ -5,8 +5,9 @@ from typing import Annotated
 import tyro
 from pydantic import Field
 
-from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath
+from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath, Plot
 from exosight.app.console import check_json_target, results_folder, show_or_write
+from exosight.app.output import check_plot
 
 Target = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -17,6 +18,7 @@ def control(
     gains: tuple[Target, ...] = (),
     model: MaybePath = None,
     out: MaybePath = None,
+    plot: Plot = None,
     json: Json = None,
 ) -> None:
     """Close the loop on a simulated system, with the paper's law.
@@ -37,9 +39,11 @@ def control(
         gains: K_P [channel's unit per sensor's]; default: half of what the steepest part of the path asks for
         model: exported network, from `exosight train`; without it the sensor is the true reading
         out: folder for time series (CSV), figures (SVG), results and configuration (JSON); it must not exist
+        plot: draw sensor and command of every trial over time, to a new file (PNG, PDF or SVG)
         json: write the results as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
+    check_plot(plot)
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
     from exosight.app.control_command import (
         held_and_released,
@@ -49,6 +53,7 @@ def control(
         write_trials,
     )
     from exosight.app.nominal import nominal_system
+    from exosight.app.plots import plot_trials, write_plot
     from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials, true_reading
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.catalogue import find_system
@@ -68,4 +73,6 @@ def control(
         trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
         if folder is not None:
             write_trials(trials, model and str(model), driven.camera, folder)
+    if plot is not None:
+        write_plot(plot_trials(trials), plot)
     show_or_write([trials_table(trials)], {"trials": summaries(trials)}, json)

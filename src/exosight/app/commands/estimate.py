@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import tyro
 
-from exosight.app.commands.options import Json, MaybePath, Pixels
+from exosight.app.commands.options import Json, MaybePath, Pixels, Plot
 from exosight.app.console import check_json_target, say, show, write_json
+from exosight.app.output import check_plot
 from exosight.errors import DataError, ExosightError, InputError
 from exosight.evaluation.naming import common_unit, forces_only, kind, row_name, sums
 from exosight.evaluation.tables import Column, Table
@@ -22,6 +23,7 @@ def estimate(
     model: MaybePath = None,
     level: float = 0.9,
     crop: Pixels = None,
+    plot: Plot = None,
     json: Json = None,
 ) -> None:
     """Estimate contact forces, and other sensors of a system, from pictures, with intervals and OOD scores.
@@ -42,9 +44,11 @@ def estimate(
         level: share of true values that the intervals are to hold: 0.5, 0.8, 0.9, 0.95 or 0.99
         crop: part of each picture that the network gets [pixels]; its height follows from the network's
             aspect ratio; default: all of it
+        plot: draw the estimates with their intervals over the pictures, to a new file (PNG, PDF or SVG)
         json: write the estimates as JSON to a new file, or to stdout with "-", instead of tables
     """
     check_json_target(json)
+    check_plot(plot)
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator, shown_score
     from exosight.vision.pictures import read_gray
 
@@ -53,7 +57,7 @@ def estimate(
     estimator = OnnxEstimator.load(model or DEFAULT_MODEL, alone=True)
     schema = estimator.card.schema
     height, width = estimator.card.schema.image_size
-    found, failures = [], []
+    found, failures, readings = [], [], []
     for path in images:
         try:
             picture = read_gray(path, width, height, crop)
@@ -63,6 +67,7 @@ def estimate(
                 say(f"not read: {error}")
             continue
         read = estimator.read(picture[None], level)
+        readings.append(read)
         rows, totals = _rows(schema, read), _totals(schema, read)
         ood_score = shown_score(read.ood_score[0])
         named = {f"{name}_{schema.sensor(name).unit}": total for name, total in totals.items()}
@@ -75,6 +80,10 @@ def estimate(
                     f"do not trust these: the picture is out of distribution (OOD score {ood_score:.3f}, "
                     "trusted up to 1)"
                 )
+    if plot is not None and readings:
+        from exosight.app.plots import plot_estimates, write_plot
+
+        write_plot(plot_estimates(schema, readings), plot)
     if json is not None:
         write_json({"level": level, "estimates": found, "failures": failures}, json)
     if len(images) == 1 and failures:

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from exosight.app.commands.options import Json, MaybePath, Seed
+from exosight.app.commands.options import Json, MaybePath, Plot, Seed
 from exosight.app.console import check_json_target, results_folder, say, show_or_write
+from exosight.app.output import check_plot
 
 
 def evaluate(
@@ -11,6 +12,7 @@ def evaluate(
     model: MaybePath = None,
     out: MaybePath = None,
     seed: Seed = 0,
+    plot: Plot = None,
     json: Json = None,
 ) -> None:
     """Evaluate a network: accuracy, intervals, robustness, and detection of out-of-distribution images.
@@ -29,14 +31,18 @@ def evaluate(
         model: exported network, from `exosight train`; the one that comes with the package if left out
         out: folder for tables, estimates (CSV, JSON), figures (HTML) and configuration; it must not exist
         seed: seed of the noise, and of the out-of-distribution images
+        plot: draw true and estimated values of random frames, to a new file (PNG, PDF or SVG)
         json: write the scores as JSON to a new file, or to stdout with "-", instead of tables
     """
     check_json_target(json)
+    check_plot(plot)
     # Here, so that --help and wrong options answer at once: Matplotlib takes a second to import.
     from exosight.app.data import load
     from exosight.app.evaluation import evaluate as run
     from exosight.app.evaluation import write_evaluation
+    from exosight.app.plots import write_plot
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+    from exosight.evaluation.figures import sample_traces
 
     place = model or DEFAULT_MODEL
     with results_folder(out) as folder:
@@ -46,5 +52,7 @@ def evaluate(
         if folder is not None:
             about = {"model": str(model or place.name), "data": str(data), "seed": seed}
             write_evaluation(found, about, estimator, folder)
+    if plot is not None:
+        write_plot(sample_traces(found.schema, found.true, found.estimated), plot)
     values = {"frames": found.frames, **{table.name: table.records() for table in found.tables}}
     show_or_write(found.tables, values, json)

@@ -12,16 +12,16 @@ from exosight.app.commands.options import MaybePath
 from exosight.app.console import say, waiting
 from exosight.app.output import new_folder
 from exosight.errors import InputError
-from exosight.lab.settings import Finite, Look, View
+from exosight.lab.settings import CameraSettings, Finite, View
 
 if TYPE_CHECKING:
     from exosight.lab.system import LabSystem
 
-NO_LOOK = Look()
+NOMINAL_CAMERA = CameraSettings()
 
 
 def lab(
-    look: Annotated[Look, tyro.conf.arg(name="")] = NO_LOOK,
+    camera: Annotated[CameraSettings, tyro.conf.arg(name="")] = NOMINAL_CAMERA,
     system: str = "published",
     model: MaybePath = None,
     vary: tuple[str, ...] = (),
@@ -43,7 +43,7 @@ def lab(
       exosight lab --drive 2.4 --out results/view
 
     Args:
-        look: what its camera does
+        camera: what its camera does
         system: published, or a system file *.toml
         model: network that reads the pictures; by default the one that comes with the package
         vary: values of the design, as NAME=VALUE: of a system file the entries that vary; of the published
@@ -56,7 +56,7 @@ def lab(
         browser: open the page in the browser
         out: write picture, pose, readings, path and settings of the view to a new folder instead, and end
     """
-    shown, view = _opened(system, model, look, vary, drive)
+    shown, view = _opened(system, model, camera, vary, drive)
     if out is not None:
         from exosight.lab.saving import write_view
 
@@ -80,13 +80,13 @@ def lab(
 
 
 def _opened(
-    system: str, model: Path | None, look: Look, vary: tuple[str, ...], drive: tuple[float, ...]
+    system: str, model: Path | None, camera: CameraSettings, vary: tuple[str, ...], drive: tuple[float, ...]
 ) -> "tuple[LabSystem, View]":
     """The system, and the view that its page opens with; InputError for options that do not fit it."""
     from exosight.lab.system import open_system, stops_of
 
     shown = open_system(system, model)
     stops = stops_of(drive, len(shown.grids)) if drive else shown.start.drive
-    view = View(shown.controls.parse(vary), stops, look)
+    view = View(shown.controls.parse(vary), stops, camera)
     shown.check(view)
     return shown, view

@@ -14,9 +14,10 @@ from exosight.app.commands.options import (
     LoopOptions,
     MaybePath,
     Pixels,
+    Plot,
 )
 from exosight.app.console import check_json_target, say, show, write_json
-from exosight.app.output import check_new_file
+from exosight.app.output import check_new_file, check_plot
 from exosight.errors import InputError
 
 MaybePositive = Annotated[
@@ -68,6 +69,7 @@ def live(
     loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = NOMINAL_LOOP,
     exosuit: Annotated[ExosuitOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     model: MaybePath = None,
+    plot: Plot = None,
     json: Json = None,
 ) -> None:
     """Control a force in real time: image, estimate, control law, actuator.
@@ -89,9 +91,11 @@ def live(
         loop: what is driven
         exosuit: of the published system
         model: exported network, from exosight train; the one that comes with the package if left out
+        plot: draw the sensor and the command over time, to a new file (PNG, PDF or SVG)
         json: write timing and the guard's log as JSON to a new file, or to stdout with "-"
     """
     check_json_target(json)
+    check_plot(plot)
     if run.record is not None:
         check_new_file(run.record)
     if device.send == "-" and json == "-":
@@ -104,6 +108,7 @@ def live(
     # Here, so that --help and wrong options answer at once: JAX takes a second to import.
     from exosight.app.live import LiveRun, Log, on_simulation, on_source, opened, timing_table
     from exosight.app.nominal import nominal_system
+    from exosight.app.plots import plot_run, write_plot
     from exosight.control import CONTROL_SHAPE
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
     from exosight.control.tuning import tune
@@ -132,7 +137,9 @@ def live(
                 on_source(started, frames, device.send, log)
         finally:
             if log.steps:
-                say(log.end() + (f"; wrote {run.record}" if run.record else ""))
+                say(log.end() + (f"; wrote {run.record}" if run.record and run.record.exists() else ""))
+                if plot is not None:
+                    write_plot(plot_run(config, log.run()), plot)
                 if json is not None:
                     write_json(log.summary(), json)
                 elif device.send != "-":

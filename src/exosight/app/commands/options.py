@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 Json = Annotated[str | None, tyro.conf.arg(metavar="FILE|-", help_behavior_hint="")]
 """Where to write JSON: a new file, or stdout."""
 
+Plot = Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="")]
+"""Where to draw what is found: a new file, PNG, PDF or SVG by its ending."""
+
 MaybePath = Annotated[Path | None, tyro.conf.arg(help_behavior_hint="")]
 """A place that may be left out; the help says what happens then."""
 

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
-from exosight.app.commands.options import Json, MaybePath
+from exosight.app.commands.options import Json, MaybePath, Plot
 from exosight.app.console import check_json_target, say, show, write_json
+from exosight.app.output import check_plot
 
 if TYPE_CHECKING:
     from exosight.control.recording import Recording
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 def replay(
     recording: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FILE")]],
     model: MaybePath = None,
+    plot: Plot = None,
     json: Json = None,
 ) -> None:
     """Run network and guard on the frames of a recorded run, and compare.
@@ -31,9 +33,11 @@ def replay(
     Args:
         recording: file from exosight live --record
         model: exported network, from exosight train; the one that comes with the package if left out
+        plot: draw sensor and command over time, recorded and replayed, to a new file (PNG, PDF or SVG)
         json: write every step as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
+    check_plot(plot)
     from exosight.app.live import timing_table
     from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
     from exosight.control.recording import STATES, checksum, read_recording
@@ -56,6 +60,10 @@ def replay(
             say(f"{recorded.time[i]:7.1f} s  {state}: {recorded.cause[i].decode(errors='replace')}")
     else:
         write_json({"same_network": same, **_steps(recorded, again)}, json)
+    if plot is not None:
+        from exosight.app.plots import plot_replay, write_plot
+
+        write_plot(plot_replay(recorded, again), plot)
     whose = "the network of the recording" if same else "another network than the recording's"
     if outputs == u == states == 0:
         say(f"{len(recorded)} steps, {whose}: the same estimates, states and commands")

@@ -1,13 +1,27 @@
 """`exosight simulate`: one exosuit under given loads."""
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from exosight.app.commands.options import NO_OPTIONS, PUBLISHED, ExosuitOptions, Json, Numbers, SystemName
+from exosight.app.commands.options import (
+    NO_OPTIONS,
+    PUBLISHED,
+    ExosuitOptions,
+    Json,
+    Numbers,
+    Plot,
+    SystemName,
+)
 from exosight.app.console import check_json_target, say, show_or_write, waiting
+from exosight.app.output import check_plot
+from exosight.errors import InputError
 from exosight.evaluation.tables import Column, Table
 from exosight.exosuit.shapes import TABLE_I, shape_to_dict
+
+if TYPE_CHECKING:
+    from exosight.system.observation import Observation
+    from exosight.system.system import System
 
 Texts = Annotated[tuple[str, ...] | None, tyro.conf.arg(metavar="NAME=X,…", help_behavior_hint="")]
 
@@ -31,6 +45,8 @@ def simulate(
     u: Numbers = None,
     system: SystemName = PUBLISHED,
     commands: Texts = None,
+    poses: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
+    plot: Plot = None,
     json: Json = None,
 ) -> None:
     """Solve the stable equilibria of an exosuit on a finger, or of any system, under given loads.
@@ -40,7 +56,7 @@ def simulate(
     not go with a system of your own, whose file says it all (docs/systems.md).
 
     Examples:
-      exosight simulate --u 0 1 2.4 4
+      exosight simulate --u 0 1 2.4 4 --plot path.pdf
       exosight simulate --r0 0.01 --r1 0.005 --length 0.095 --u 2.4 --json -
       exosight simulate --family cosine_sum --b -15 -12 -9 -6 -3 0 0
       exosight simulate --system thumb.toml --u 1 2 4
@@ -53,31 +69,62 @@ def simulate(
         system: a preset or a system file, see `exosight system`
         commands: of a system, each one equilibrium: NAME=NUMBER of each channel, commas in between;
             channels left out rest at 0
+        poses: add the centreline and the radii of every body to the JSON: axis_NAME, radius_NAME [m]
+        plot: draw all readings over the command, to a new file (PNG, PDF or SVG)
         json: write all numbers as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
+    if poses and json is None:
+        raise InputError("--poses: expected --json with it; a table has no room for them")
+    check_plot(plot)
     if system != PUBLISHED or commands is not None:
         exosuit.refuse("a system file says it itself, and --commands takes the nominal one")
         # Here, so that --help and wrong options answer at once: JAX takes a second to import.
-        from exosight.app.system_path import path_table, simulated_path
+        from exosight.app.system_path import path_table, path_values, simulated_path
 
         with waiting(WAITING):
-            result = simulated_path(system, u, commands)
+            shown, states = simulated_path(system, u, commands)
+        result = path_values(shown.schema, states)
         table = path_table(result)
+        found = shown, states.commands, states.observation
     else:
         worn = exosuit.exosuit(TABLE_I)
         from exosight.exosuit.simulation import simulate as solve
 
         with waiting(WAITING):
-            records = solve(worn, LOADS if u is None else u).records()
+            solved = solve(worn, LOADS if u is None else u)
+        records = solved.records()
         about = {name: getattr(worn, name) for name in ("young", "contact_stiffness", "gap")}
         result = {"exosuit": {**shape_to_dict(worn.shape), **about}, "units": UNITS, "path": records}
         table = _table(records)
-    _say_lost(result["path"])
+        found = solved.system, solved.u[:, None], solved.observation
+    _say_faults(found[0], found[2], result["path"])
+    if poses:
+        _add_poses(result, found[0], found[2])
+    if plot is not None:
+        from exosight.app.plots import plot_path, write_plot
+
+        lost = [not record["converged"] for record in result["path"]]
+        write_plot(plot_path(found[0].schema, found[1], found[2].readings, lost), plot)
     show_or_write([table], result, json)
 
 
-def _say_lost(records: list[dict[str, Any]]) -> None:
+def _add_poses(result: dict[str, Any], system: "System", seen: "Observation") -> None:
+    """Centrelines and radii of the bodies in every record, and their units."""
+    from exosight.system.observation import POSE_UNITS, body_shapes
+
+    shapes = body_shapes(system, seen.axes)
+    result["units"] = result.get("units", {}) | {name: POSE_UNITS[name.partition("_")[0]] for name in shapes}
+    for i, record in enumerate(result["path"]):
+        record |= {name: values[i].tolist() for name, values in shapes.items()}
+
+
+def _say_faults(system: "System", seen: "Observation", records: list[dict[str, Any]]) -> None:
+    from exosight.dataset.simulation import CROSSING, crossing
+
+    crossed = int(crossing(system, seen.axes).sum())
+    if crossed:
+        say(f"in {crossed} of {len(records)} poses {CROSSING}")
     lost = sum(not record["converged"] for record in records)
     if lost:
         say(f"{lost} of {len(records)} loads found no stable equilibrium; their numbers are the best found")

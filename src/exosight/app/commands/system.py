@@ -6,9 +6,9 @@ from typing import Annotated, Literal
 
 import tyro
 
-from exosight.app.commands.options import Json, MaybePath
+from exosight.app.commands.options import Json, Plot
 from exosight.app.console import check_json_target, say, show_or_write, waiting
-from exosight.app.output import check_new_file
+from exosight.app.output import check_new_file, check_plot
 from exosight.errors import InputError
 from exosight.evaluation.tables import Column, Table
 from exosight.files import write_new_file
@@ -19,7 +19,7 @@ Action = Annotated[
 Which = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="NAME|FILE", help_behavior_hint="")]
 
 
-def system(action: Action, name: Which = None, plot: MaybePath = None, json: Json = None) -> None:
+def system(action: Action, name: Which = None, plot: Plot = None, json: Json = None) -> None:
     """List, show, start or check descriptions of systems: bodies, contacts, actuators, sensors, cameras.
 
     A system is a preset of this package or a file of your own; the format: docs/systems.md.
@@ -35,7 +35,7 @@ def system(action: Action, name: Which = None, plot: MaybePath = None, json: Jso
         action: list the presets; show a system part by part; write a new file to start from; check
             a file and say in one sentence what is wrong in it and where
         name: the preset or file; for new, the file to write
-        plot: of show: draw the unloaded system and its camera images, to a new PNG file
+        plot: of show: draw the unloaded system and its camera images, to a new file (PNG, PDF or SVG)
         json: of list and show: write what is shown as JSON to a new file, or to stdout with "-"
     """
     if (name is None) != (action == "list"):
@@ -96,20 +96,17 @@ def _show(name: str, plot: Path | None, json: str | None) -> None:
     from exosight.system.designs import FileDesigns
     from exosight.system.schema import schema_to_dict
 
-    if plot is not None:
-        if plot.suffix != ".png":
-            raise InputError(f"--plot: expected a file *.png, got {str(plot)!r}")
-        check_new_file(plot)
+    check_plot(plot)
     designs = find_system(name)
     varied = designs.varied if isinstance(designs, FileDesigns) else ()
     nominal = nominal_system(name)
     tables = system_tables(nominal, varied)
     if plot is not None:
+        from exosight.app.plots import write_plot
         from exosight.app.system_figure import system_figure
 
         with waiting("drawing"):
-            picture = system_figure(nominal)
-        write_new_file(plot, picture)
-        say(f"wrote {plot}")
+            figure = system_figure(nominal)
+        write_plot(figure, plot)
     parts = {table.name: table.records() for table in tables}
     show_or_write(tables, {"schema": schema_to_dict(nominal.schema), "parts": parts}, json)

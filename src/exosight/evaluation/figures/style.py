@@ -26,6 +26,13 @@ WIDTH = 7.0
 # Resolution of what is drawn as pixels inside an SVG (clouds of points), enough for print [1/in].
 _DPI = 200
 
+# What would name the moment or the program that wrote it.
+_METADATA = {
+    "svg": ("Creator", "Date", "Format", "Type"),
+    "pdf": ("Creator", "Producer", "CreationDate"),
+    "png": ("Software",),
+}
+
 _STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.titlesize": 8,
@@ -93,11 +100,9 @@ def legend_above(figure: Figure, handles: Sequence[Artist], labels: Sequence[str
     figure.legend(handles, labels, loc="outside upper center", ncols=min(len(handles), columns))
 
 
-def to_svg(figure: Figure) -> bytes:
-    """Return the figure as SVG: text as outlines, the same bytes for the same figure."""
+def to_bytes(figure: Figure, kind: str = "svg") -> bytes:
+    """Return the figure as svg (text as outlines), pdf or png: the same bytes for the same figure."""
     buffer = io.BytesIO()
     with matplotlib.rc_context(_STYLE):
-        figure.savefig(
-            buffer, format="svg", dpi=_DPI, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        )
+        figure.savefig(buffer, format=kind, dpi=_DPI, metadata=dict.fromkeys(_METADATA[kind]))
     return buffer.getvalue()

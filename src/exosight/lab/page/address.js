@@ -20,8 +20,8 @@ function* entries(about, state) {
     const own = choice?.options.find(({ name }) => name === view.design[choice.key]).sliders ?? [];
     for (const spec of [...own, ...sliders]) yield number(`design.${spec.key}`, view.design, spec);
   }
-  for (const spec of about.look) yield number(`camera.${spec.key}`, view.look, spec);
-  yield one("camera.corruption", view.look, "corruption", names(about.corruptions));
+  for (const spec of about.camera) yield number(`camera.${spec.key}`, view.camera, spec);
+  yield one("camera.corruption", view.camera, "corruption", names(about.corruptions));
   yield one("loop.sensor", run, "sensor", about.controllable, about.controlled);
   yield one("loop.channel", run, "channel", names(about.channels));
   yield number("loop.target", run, { key: "target", low: 1e-9, high: 1e6, start: null });
@@ -50,8 +50,8 @@ function readStop(text, channels) {
 
 /** All settings of the page: what it opens with if `text` is empty, what `text` says otherwise; an Error if it does not fit. */
 export function readAddress(text, about) {
-  const { design, drive, look } = structuredClone(about.start);
-  const state = { view: { design, drive, look }, run: {} };
+  const { design, drive, camera } = structuredClone(about.start);
+  const state = { view: { design, drive, camera }, run: {} };
   if (text.length > LONGEST) throw new Error(`expected at most ${LONGEST} characters, got ${text.length}`);
   const given = new URLSearchParams(text.replace(/^#/, "")), empty = !text.replace(/^#/, "");
   const stops = given.getAll("drive");

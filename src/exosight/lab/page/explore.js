@@ -13,7 +13,7 @@ const QUIET = 300;  // ms without a change until the whole path is asked for, an
 
 export function explore(about, problem) {
   const { channels, sensors } = about;
-  const view = {};  // what is asked for: design, drive and look; `apply` fills it
+  const view = {};  // what is asked for: design, drive and camera; `apply` fills it
   const chosen = {};  // what is charted: a sensor, and the place of a channel
   const pose = scene(by("pose"), about);
   const estimates = !about.network.refusal;
@@ -226,11 +226,11 @@ export function explore(about, problem) {
   }
 
   function build() {
-    const looked = (key, value) => { view.look[key] = value; update(); };
-    const looks = about.look.map((spec) => slider({ ...spec, start: view.look[spec.key] }, (value) => looked(spec.key, value)).element);
+    const setCamera = (key, value) => { view.camera[key] = value; update(); };
+    const cameraSliders = about.camera.map((spec) => slider({ ...spec, start: view.camera[spec.key] }, (value) => setCamera(spec.key, value)).element);
     by("settings").replaceChildren(
       ...about.design.map(({ name, choice, sliders }) => group(name, opened, ...(choice ? kinds(choice) : []), ...designSliders(sliders))),
-      group("Camera", opened, ...looks, pick("Corruption", about.corruptions, view.look.corruption, (name) => looked("corruption", name))));
+      group("Camera", opened, ...cameraSliders, pick("Corruption", about.corruptions, view.camera.corruption, (name) => setCamera("corruption", name))));
   }
 
   /** Which sensor is charted over which channel. */

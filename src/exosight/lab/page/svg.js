@@ -25,8 +25,8 @@ export function fixed(value, digits) {
 /** A number with its unit. */
 export const quantity = (value, unit, digits = 3) => `${fixed(value, digits)} ${unit}`;
 
-/** An OOD score with two digits; what is above the limit of 1 reads so. */
-export const scoreWords = (score) => fixed(score > 1 ? Math.max(score, 1.01) : score, 2);
+/** An OOD score with two digits, rounded up above the limit of 1, as the guard has it: 1.001 is 1.01. */
+export const scoreWords = (score) => fixed(score > 1 ? Math.ceil(100 * score) / 100 : score, 2);
 
 /** As many digits as a step has. */
 export const digitsOf = (step) => Math.max(0, -Math.floor(Math.log10(step) + 1e-9));

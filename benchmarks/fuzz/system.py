@@ -1,26 +1,14 @@
-"""Mutations of valid system files: `python -m benchmarks.fuzz_system [COUNT [SEED]]`, 10,000 by default.
-
-Every mutation has to be refused in one sentence, or to give a system, and both within seconds. Counts are
-printed; a traceback or a hang ends the program with the mutation that did it.
-"""
+"""System files: bytes, tokens, values, lines and tables of the examples changed."""
 
 import random
 import re
 import shutil
-import signal
-import sys
-import tempfile
-import time
-from collections import Counter
 from pathlib import Path
 
-from exosight.errors import DataError, InputError
 from exosight.system.designs import FileDesigns
 from exosight.system.file import read_system_file
 
-FILES = sorted((Path(__file__).parents[1] / "examples" / "systems").iterdir())
-LONGEST = 5
-"""Time for one mutation [s]."""
+FILES = sorted((Path(__file__).parents[2] / "examples" / "systems").iterdir())
 
 TOKEN = re.compile(r'"[^"\n]*"|[A-Za-z_][\w.]*|-?\d+\.?\d*|[\[\]{}=,]')
 VALUES = (
@@ -137,51 +125,16 @@ def _tables(text: str, draw: random.Random) -> str:
     return "\n".join(tables)
 
 
-def outcome(path: Path) -> str:
-    """What becomes of a file: "system", or the kind of its refusal; AssertionError for a bad sentence."""
-    try:
-        FileDesigns(read_system_file(path))
-    except (InputError, DataError) as error:
-        sentence = str(error)
-        assert sentence.isprintable(), repr(sentence)
-        assert len(sentence) < 2000, sentence
-        return "not read" if isinstance(error, DataError) else "refused"
-    return "system"
+class System:
+    """System files: read, and all designs built."""
 
+    def __init__(self, folder: Path) -> None:
+        for file in FILES:
+            shutil.copy(file, folder)
+        self._texts = [file.read_text(encoding="utf-8") for file in FILES if file.suffix == ".toml"]
+        self._path = folder / "mutation.toml"
 
-def fuzz(count: int, seed: int, folder: Path) -> tuple[Counter[str], float]:
-    """Outcomes of so many mutations, and the longest time that one took [s]; TimeoutError for a hang."""
-    for file in FILES:
-        shutil.copy(file, folder)
-    texts = [file.read_text(encoding="utf-8") for file in FILES if file.suffix == ".toml"]
-    draw, found, longest = random.Random(seed), Counter[str](), 0.0
-    path = folder / "mutation.toml"
-
-    def hang(*_: object) -> None:
-        raise TimeoutError(f"more than {LONGEST} s: {path.read_bytes()!r}")
-
-    before = signal.signal(signal.SIGALRM, hang)
-    try:
-        for _ in range(count):
-            path.write_bytes(mutate(draw.choice(texts), draw))
-            begun = time.perf_counter()
-            signal.alarm(LONGEST)
-            found[outcome(path)] += 1
-            signal.alarm(0)
-            longest = max(longest, time.perf_counter() - begun)
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
-    return found, longest
-
-
-def main() -> None:
-    """Mutate, count, print."""
-    count, seed = (int(word) for word in [*sys.argv[1:], *("10000", "0")[len(sys.argv) - 1 :]])
-    with tempfile.TemporaryDirectory() as folder:
-        found, longest = fuzz(count, seed, Path(folder))
-    print(f"{count} mutations: {dict(found)}; the slowest took {longest:.2f} s")
-
-
-if __name__ == "__main__":
-    main()
+    def __call__(self, draw: random.Random) -> None:
+        """One file."""
+        self._path.write_bytes(mutate(draw.choice(self._texts), draw))
+        FileDesigns(read_system_file(self._path))
