@@ -40,7 +40,7 @@ from exosight.mechanics.tree import Tree
 FAR = 1.9
 """A fifth more than a quarter turn: closer, a rod would be bent sharper than its own radius."""
 
-NEWTON_STEPS = 4
+NEWTON_STEPS = 3
 """From a secant, each squares the error of the closest place: 1e-2, 1e-4, 1e-8, 1e-16 of a piece."""
 
 
@@ -139,7 +139,7 @@ class TubeContact(Term):
     def bind(self, tree: Tree) -> Bound:
         """Wrenches on the point and on both nodes of its piece, and the second derivative by coordinates."""
         a, b = self.first.frames(tree), self.second.frames(tree)
-        moving = np.array(tree.moving([*a, *b]), int)
+        moving = np.array(tree.moving(self.frames(tree)), int)
         weight = self.stiffness * self.first.lengths(tree)
         may_touch = _may_touch(self, tree)
 

@@ -20,7 +20,7 @@ from exosight.system.surfaces import SphereSurface, Surface, TubeSurface
 from exosight.system.system import Contact, System
 from exosight.validation import check_name
 
-LARGEST = {"coordinates": 500, "points and spheres": 5000, "pairs of spheres": 100_000}
+LARGEST = {"coordinates": 500, "points and spheres": 5000, "pairs that could touch": 100_000}
 """What a system may have at most; one of these sizes takes seconds a load."""
 
 
@@ -155,17 +155,20 @@ def _zone(table: SensorTable, name: str, surface: SphereSurface) -> tuple[int, .
 def _check_size(description: Description) -> None:
     """InputError for a system that is too large, before anything of it is made."""
     points = {name: rod_points(rod).size for name, rod in description.rods.items()}
-    spheres = {
-        name: sum(points.get(body, len(surface.at or ())) for body in surface.bodies)
+    sizes = {
+        name: sum(
+            points.get(body, len(surface.at or ()) if surface.type == "spheres" else 1)
+            for body in surface.bodies
+        )
         for name, surface in description.surfaces.items()
-        if surface.type == "spheres"
     }
+    spheres = [size for name, size in sizes.items() if description.surfaces[name].type == "spheres"]
     found = {
         "coordinates": sum(len(rod.strains) * (2 * rod.elements + 1) for rod in description.rods.values())
         + sum(JOINT_COORDINATES[link.joint.type] for link in description.links.values()),
-        "points and spheres": sum(points.values()) + sum(spheres.values()),
-        "pairs of spheres": sum(
-            spheres.get(each.first, 0) * spheres.get(each.second, 0) for each in description.contacts.values()
+        "points and spheres": sum(points.values()) + sum(spheres),
+        "pairs that could touch": sum(
+            sizes.get(each.first, 0) * sizes.get(each.second, 0) for each in description.contacts.values()
         ),
     }
     for what, count in found.items():

@@ -161,7 +161,7 @@ class RodTable:
 
 @dataclass(frozen=True, config=CONFIG)
 class SurfaceTable:
-    """Geometry that bodies carry: cameras see tubes; contacts act between two tubes or two sets of spheres."""
+    """Geometry that bodies carry: cameras see tubes; contacts are of two tubes, or of two sets of spheres."""
 
     type: Literal["tube", "spheres"]
     bodies: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)]
@@ -185,7 +185,7 @@ class ContactTable:
     stiffness: Stiffness | None = None
     """of a pair of spheres"""
     line_stiffness: Modulus | None = None
-    """of tubes: force a length and a depth; without: π/4 young/(1 − poisson²) of the rod, two rods in series"""
+    """of tubes: force a length and a depth; without: π/4 young/(1 − poisson²) of the rods, in series"""
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -228,7 +228,7 @@ class SensorTable:
     spheres: Annotated[tuple[Sphere, ...], Field(min_length=1, max_length=1000)] | None = None
     """of a contact force: the zone, as numbers of spheres on that surface"""
     at: Annotated[Distance, Field(ge=0)] | None = None
-    """of a contact force on a tube: the zone's middle, as a distance along it; forces are shared by neighbours"""
+    """of a contact force on a tube: the zone's middle, as a distance along it; neighbours share forces"""
     body: Name | None = None
     """of a joint angle: the link behind the joint; of a contact force: all spheres on it are the zone"""
     coordinate: Annotated[int, Field(ge=0, le=2)] = 0
