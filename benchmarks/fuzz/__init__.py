@@ -9,6 +9,7 @@ import random
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from importlib import import_module
 from pathlib import Path
 
@@ -127,13 +128,13 @@ def _one_value(value: object, draw: random.Random) -> None:
         case 0:
             del value[key]
         case 1 if isinstance(value, list):
-            value.insert(key, inner)
+            value.insert(key, deepcopy(inner))
         case 2 if isinstance(value, dict):
-            value[draw.choice(("extra", "\x1b", *keys))] = inner
+            value[draw.choice(("extra", "\x1b", *keys))] = deepcopy(inner)
         case 3 if isinstance(inner, int | float) and not isinstance(inner, bool):
             value[key] = inner * draw.choice((-1, 0.5, 1.01, 2, 10, 1e6))
         case _:
-            value[key] = draw.choice(_LEAVES)
+            value[key] = deepcopy(draw.choice(_LEAVES))
 
 
 def every(

@@ -67,7 +67,7 @@ class Page:
         for app in (self._open, self._guarded):
             self._loop.run_until_complete(app.router.lifespan_context(app).__aenter__())
         self._picture = Picture(folder)
-        for kind, settings in _SETTINGS.items():  # compiles
+        for kind, settings in (*_SETTINGS.items(), ("trial", {"view": {}, "target": 0.3})):  # compiles
             scope, _ = self._request(random.Random(0))
             scope |= {"path": f"/api/{kind}", "method": "POST", "headers": _PLAIN}
             self._loop.run_until_complete(_ask(self._open, scope, json.dumps(settings).encode()))

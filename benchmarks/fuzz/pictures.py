@@ -73,7 +73,7 @@ def _saved(image: Image.Image, kind: str, **options: object) -> bytes:
 
 def _number(content: bytes, draw: random.Random) -> bytes:
     """Another number of two or four bytes, mostly in the head, where sizes and offsets are."""
-    at = draw.randrange(min(len(content), draw.choice((32, 256, 10_000))))
+    at = draw.randrange(1 + min(len(content), draw.choice((32, 256, 10_000))))
     form = draw.choice(("<H", ">H", "<I", ">I"))
     new = struct.pack(form, draw.choice(_NUMBERS) % 2 ** (8 * struct.calcsize(form)))
     return content[:at] + new + content[at + len(new) :]

@@ -160,6 +160,49 @@ def test_periods_missed_at_the_end_are_counted_too(
     assert "5 of 7 periods of 100 ms were missed, as steps took 800 ms (median)" in told
 
 
+@pytest.mark.parametrize(
+    ("option", "place", "complaint"),
+    [
+        ("--send", "nowhere/u", "nowhere is no folder"),
+        ("--send", "there", "exists already"),
+        ("--record", "nowhere/run.h5", "nowhere is no folder"),
+        ("--record", "/proc/run.h5", "/proc/run.h5: cannot be written"),
+        ("--json", "/proc/run.json", "/proc/run.json: cannot be written"),
+    ],
+)
+def test_places_that_cannot_be_written_are_refused_before_the_controller_is_tuned(
+    folder: Path,
+    tmp_path: Path,
+    option: str,
+    place: str,
+    complaint: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def never(*arguments: object, **options: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(tuning, "tune", never)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").write_text("precious")
+    with pytest.raises(SystemExit) as end:
+        main(["live", "--source", str(folder), option, place])
+    assert end.value.code == 2
+    assert complaint in " ".join(capsys.readouterr().err.split())
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]
+    assert (tmp_path / "there").read_text() == "precious"
+
+
+def test_a_folder_of_results_below_a_file_is_refused_in_a_sentence(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "file").write_text("precious")
+    with pytest.raises(SystemExit) as end:
+        main(["control", "--out", str(tmp_path / "file" / "out")])
+    assert end.value.code == 2
+    assert "out: cannot be made (Not a directory); name another folder" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("content", [None, "not a picture"])
 def test_a_source_is_checked_before_the_controller_is_tuned(
     tmp_path: Path,

@@ -163,6 +163,10 @@ def test_what_is_no_http_is_refused_in_a_sentence(here: Address, caplog: pytest.
         assert answer(line)[0] == 401
         line.sendall(b"no chunk\r\n")
         assert is_closed(line)
+    with opened(
+        here, HALF.replace(b"GET", b"HEAD") + b"Transfer-Encoding: chunked\r\n\r\nno chunk\r\n"
+    ) as line:
+        assert line.makefile("rb").read().startswith(b"HTTP/1.1 400 ")
     assert not caplog.records
 
 

@@ -1,3 +1,6 @@
+from copy import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -130,19 +133,19 @@ def test_what_is_remembered_is_bounded(cached: CachedSystem) -> None:
     poses, made = PoseCache(), []
 
     def make() -> CachedSystem:
-        made.append(CachedSystem(SYSTEM, [GRID]))
+        made.append(copy(cached))
         return made[-1]
 
-    for i in range(40):
+    for i in range(150):
         poses.get(str(i), make)
-    assert len(poses._systems) <= 32
-    assert poses.get("39", make) is made[-1]
-    assert len(made) == 40
+    assert len(poses._systems) <= 128
+    assert poses.get("149", make) is made[-1]
+    assert len(made) == 150
 
 
 def test_a_view_is_light_once_only_its_last_move_remains(lab: LabSystem) -> None:
-    young = {"young": 255.0}
-    peak, turned, twice = (View(young, ((4.0,), (0.8,), (2.0,))[:n]) for n in (1, 2, 3))
+    lab = replace(lab, poses=PoseCache())
+    peak, turned, twice = (View(drive=((4.0,), (0.8,), (2.0,))[:n]) for n in (1, 2, 3))
     assert not lab.is_light(peak)
     cached = lab.cached(peak)
     assert lab.is_light(peak)

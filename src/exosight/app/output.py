@@ -1,6 +1,5 @@
 """Where results go: places that must not exist yet, checked before the work and complete when they appear."""
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,8 +14,13 @@ def check_new_file(path: Path) -> None:
         raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
     if not path.parent.is_dir():
         raise DataError(f"{path}: {path.parent} is no folder; make it, or name a file in another one")
-    if not os.access(path.parent, os.W_OK | os.X_OK):
-        raise DataError(f"{path}: {path.parent} may not be written; name a file in another folder")
+    try:
+        with unfinished(path) as part:
+            part.touch()  # permissions alone do not tell: file systems are read-only, names too long
+    except OSError as error:
+        raise DataError(
+            f"{path}: cannot be written ({error.strerror}); name a file in another folder"
+        ) from error
 
 
 PLOTS = (".png", ".pdf", ".svg")

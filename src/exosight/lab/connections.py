@@ -115,6 +115,8 @@ class LimitedConnection(H11Protocol):
             response = h11.Response(
                 status_code=status, headers=[*headers, ("connection", "close")], reason=STATUS_PHRASES[status]
             )
+            if self.conn.our_state is h11.SEND_RESPONSE and self.scope["method"] == "HEAD":
+                body = b""
             for event in (response, h11.Data(data=body), h11.EndOfMessage()):
                 self.transport.write(self.conn.send(event) or b"")
         if self.cycle is not None:  # its request may still be at work

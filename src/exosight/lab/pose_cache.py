@@ -26,7 +26,7 @@ STRIDE = 2
 _STEPS = 80  # at least so many from 0 to the peak of a channel: 0.05 N up to 4 N
 _PIECE = 7  # commands a solver call: 1 ms a call, 2 ms a command that nobody asked for; 21 make a branch
 _BRANCHES = 64  # branches that one system remembers
-_SYSTEMS = 32  # systems that are remembered
+_SYSTEMS = 128  # systems that are remembered, 20 kB each; more than a queue holds, so a page keeps its own
 _SAME = 1e-5  # rad, or strain: poses nearer to each other than this are one; solutions agree to 1e-6
 _ENOUGH = SolverOptions(tolerance=1e-7)  # forces to 1e-7 N, a quarter sooner than with the default 1e-10
 

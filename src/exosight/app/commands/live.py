@@ -1,5 +1,6 @@
 """`exosight live`: the loop in real time, with a camera or a simulated system."""
 
+from pathlib import Path
 from typing import Annotated
 
 import tyro
@@ -98,6 +99,10 @@ def live(
     check_plot(plot)
     if run.record is not None:
         check_new_file(run.record)
+    if device.send is not None and device.send != "-":
+        place = Path(device.send)
+        if place.is_file() or not place.exists():  # neither a device nor a pipe
+            check_new_file(place)
     if device.send == "-" and json == "-":
         raise InputError(
             "live: expected the command or JSON on stdout, got both; name a file for one of them"
