@@ -40,7 +40,7 @@ from exosight.mechanics.tree import Tree
 FAR = 1.9
 """A fifth more than a quarter turn: closer, a rod would be bent sharper than its own radius."""
 
-NEWTON_STEPS = 3
+NEWTON_STEPS = 4
 """From a secant, each squares the error of the closest place: 1e-2, 1e-4, 1e-8, 1e-16 of a piece."""
 
 
