@@ -9,9 +9,9 @@ import pytest
 import torch.distributed as dist
 
 from exosight.app.pipeline import MODEL
+from exosight.learning.board import BOARD_NAME
 from exosight.learning.checkpoint import CHECKPOINT_NAME, load_checkpoint
 from exosight.learning.history import HISTORY_NAME
-from exosight.learning.training import BOARD_NAME
 
 
 @pytest.mark.skipif(not dist.is_available() or not dist.is_gloo_available(), reason="needs PyTorch with gloo")

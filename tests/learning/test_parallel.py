@@ -16,10 +16,10 @@ from safetensors.torch import load_file
 
 from exosight.errors import InputError
 from exosight.learning import TrainingData, read_history
+from exosight.learning.board import BOARD_NAME
 from exosight.learning.checkpoint import CHECKPOINT_NAME, Checkpoint, load_checkpoint
 from exosight.learning.parallel import join
 from exosight.learning.process_group import SINGLE, ProcessGroup
-from exosight.learning.training import BOARD_NAME
 
 PROGRAM = Path(__file__).with_name("two_processes.py")
 

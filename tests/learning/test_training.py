@@ -1,3 +1,5 @@
+import errno
+import os
 import struct
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,7 +11,7 @@ import torch
 from schemas import published_schema
 from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
 
-from exosight.errors import InputError
+from exosight.errors import DataError, InputError
 from exosight.learning import (
     EpochRecord,
     TrainConfig,
@@ -20,8 +22,9 @@ from exosight.learning import (
     train,
     training,
 )
+from exosight.learning.board import BOARD_NAME
 from exosight.learning.checkpoint import CHECKPOINT_NAME, Checkpoint, load_checkpoint
-from exosight.learning.training import BOARD_NAME, Progress
+from exosight.learning.training import Progress
 
 Identity = dict[str, str | int | float]
 
@@ -312,3 +315,24 @@ def test_tensorboard_reads_the_curves_of_a_run_that_was_stopped(
             at += 12 + length + 4
     expected = {(name, r.step): value for r in result.history for name, value in r.curves().items()}
     assert found == pytest.approx(expected, rel=1e-6)  # stored in single precision
+
+
+# tensorboardX leaves the file open that it cannot flush.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_full_disk_ends_a_run_where_it_writes_its_curves(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    blobs: TrainingData,
+    small: TrainConfig,
+    identity: Identity,
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("tensorboardX.record_writer.RecordWriter.flush", full)
+        with pytest.raises(DataError, match=r"tensorboard: cannot be written \(No space left.*make room"):
+            run(small, blobs, tmp_path / "run", identity)
+    whole = run(small, blobs, tmp_path / "whole", identity)
+    result = run(small, blobs, tmp_path / "run", identity, resume=True)
+    assert [r.train_loss for r in result.history] == [r.train_loss for r in whole.history]

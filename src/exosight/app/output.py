@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from exosight.errors import DataError, InputError
-from exosight.files import unfinished
+from exosight.files import FULL, unfinished, write_error
 
 
 def check_new_file(path: Path) -> None:
@@ -54,5 +54,10 @@ def new_folder(path: Path) -> Iterator[Path]:
             part.mkdir(parents=True)
         except OSError as error:
             raise DataError(f"{path}: cannot be made ({error.strerror}); name another folder") from error
-        yield part
-        part.rename(path)
+        try:
+            yield part
+            part.rename(path)
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            raise write_error(path, error) from error

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import torch
 from jaxtyping import Float, Float32, UInt8
-from tensorboardX import SummaryWriter
 from torch import Tensor, nn
 
 from exosight.errors import InputError
 from exosight.learning.augmentation import augment_batch
+from exosight.learning.board import Board
 from exosight.learning.checkpoint import Position, RunIdentity
 from exosight.learning.config import Settings, TrainConfig, resolve
 from exosight.learning.history import EpochRecord
@@ -48,9 +48,6 @@ from exosight.learning.training_data import (
 
 CHECKPOINT_SECONDS = 30.0
 """Within a long epoch, the most work a killed run loses [s]; every epoch ends in a checkpoint anyway."""
-
-BOARD_NAME = "tensorboard"
-"""Folder of the loss curves as TensorBoard reads them: `tensorboard --logdir` the folder above."""
 
 _VALIDATION_BATCH = 256
 
@@ -168,25 +165,13 @@ def _run(run: Run, data: TrainingData, progress: Callable[[Progress], None] | No
         contextlib.closing(online_blocks(run.position.epoch))
         if online_blocks and group.first
         else contextlib.nullcontext(repeat(None)) as blocks,
-        _board(run) as board,
+        contextlib.closing(Board(run.folder if group.first else None, run.position.step)) as board,
     ):
         while not run.position.complete:
             block = next(blocks)
             _run_epoch(run, data, broadcast_block(group, block) if online_blocks else block, progress)
             latest = run.history[-1]
-            for name, value in latest.curves().items():
-                board.add_scalar(name, value, latest.step)
-
-
-def _board(run: Run) -> SummaryWriter:
-    """A file of its own, also for a run that goes on within the second in which it was stopped."""
-    step = run.position.step
-    return SummaryWriter(
-        str(run.folder / BOARD_NAME),
-        purge_step=step + 1,
-        filename_suffix=f".{step}",
-        write_to_disk=run.group.first,
-    )
+            board.add(latest.curves(), latest.step)
 
 
 def _run_epoch(
