@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-
 from benchmarks import kill
 
 THUMB = Path(__file__).parents[1] / "examples" / "systems" / "thumb.toml"

@@ -15,9 +15,10 @@ _LONGEST = 1500
 
 
 def printable(text: str) -> str:
-    """Text of unknown origin as a terminal may show it: all but visible characters and spaces is written out."""
+    """Text of unknown origin as a terminal may show it: only visible characters and spaces stay."""
     return "".join(
-        each if each.isprintable() or unicodedata.category(each) == "Zs" else ascii(each)[1:-1] for each in text
+        each if each.isprintable() or unicodedata.category(each) == "Zs" else ascii(each)[1:-1]
+        for each in text
     )
 
 
