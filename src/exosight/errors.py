@@ -8,13 +8,18 @@ ExosightError
 The command line turns each of them into one sentence on stderr and exit code 2.
 """
 
+import unicodedata
+
 _LONGEST = 1500
 """Characters of a message, whatever it quotes."""
 
 
 def printable(text: str) -> str:
-    """Text of unknown origin as a terminal may show it: control characters are written out."""
-    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+    """Text of unknown origin as a terminal may show it: only visible characters and spaces stay."""
+    return "".join(
+        each if each.isprintable() or unicodedata.category(each) == "Zs" else ascii(each)[1:-1]
+        for each in text
+    )
 
 
 class ExosightError(Exception):

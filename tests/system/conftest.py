@@ -87,6 +87,20 @@ pixel = "1 mm"
 
 
 @pytest.fixture
+def tubes() -> list[tuple[str, str]]:
+    """What makes the small file one whose tubes press on each other."""
+    return [
+        ('[surfaces.soft_points]\ntype = "spheres"', '[surfaces.soft_points]\ntype = "tube"'),
+        (
+            'first = "soft_points"\nsecond = "pads"\nstiffness = "1000 N/m"',
+            'first = "skin"\nsecond = "soft_points"',
+        ),
+        ('surface = "pads"\nspheres = [0, 1]', 'surface = "skin"\nat = "20 mm"'),
+        ('surface = "pads"\nbody = "tip"', 'surface = "skin"\nat = "55 mm"'),
+    ]
+
+
+@pytest.fixture
 def write(tmp_path: Path) -> Callable[..., Path]:
     """Write the small file with some of its text replaced, each piece exactly once; returns its path."""
 

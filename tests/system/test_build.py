@@ -5,12 +5,15 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from exosight.mechanics import PressureLine, Rod, drive, walk
 from exosight.mechanics.rod import STRAINS
 from exosight.system.description import Strain
-from exosight.system.observation import observe_state
+from exosight.system.observation import contact_forces, observe_state
+from exosight.system.sensors import PlaceZone
 from exosight.system.simulation import simulate_system
 from exosight.system.surfaces import SphereSurface
 from exosight.system.system import System
@@ -109,6 +112,33 @@ def test_what_the_rod_feels_is_what_the_links_feel(system: Make, load: float) ->
     np.testing.assert_allclose([near, far], np.linalg.norm(seen.forces, axis=-1), atol=1e-13)
     assert total == near + far
     assert load < 2 or total > 0.05
+
+
+def test_zones_along_a_tube_share_the_whole_force(system: Make, tubes: list) -> None:
+    """Their vectors sum to what the rod pushes back with, wherever between them it acts."""
+    fold = '[contacts.fold]\nfirst = "soft_points"\nsecond = "soft_points"\n\n'
+    small = system(*tubes, ("[actuators.u]", f"{fold}[actuators.u]"))
+    assert [type(term).__name__ for term in small.contact_terms] == ["SolidContact", "TubeContact"]
+    line = np.pi / 4 * 300e3 / 0.75
+    np.testing.assert_allclose([c.stiffness for c in small.contacts], [line, line / 2], rtol=1e-12)
+    found = simulate_system(small, np.array([[1.0], [4.0]]))
+    assert found.equilibria.converged.all()
+    for q, forces in zip(found.equilibria.q, found.observation.forces, strict=True):
+        on = contact_forces(small, small.robot, walk(small.robot, jnp.asarray(q)))
+        total = np.asarray(on["soft_points"].force).sum(axis=0)
+        assert np.linalg.norm(total) > 0.01
+        np.testing.assert_allclose(forces.sum(axis=0), -total, atol=1e-13)
+    # Forces between the middles, at 20 and 55 mm, are shared by both.
+    assert (np.linalg.norm(found.observation.forces[1], axis=-1) > 1e-3).all()
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=6, unique=True), st.floats(-0.5, 1.5))
+def test_shares_of_zones_sum_to_one(middles: list[float], place: float) -> None:
+    zones = [PlaceZone(i, np.sort(middles)) for i in range(len(middles))]
+    shares = [float(zone.weights(jnp.array([place]))[0]) for zone in zones]
+    assert sum(shares) == pytest.approx(1, abs=1e-12)
+    assert min(shares) >= 0
+    assert np.count_nonzero(shares) <= 2
 
 
 def test_turns_wind_a_line_once_around(system: Make) -> None:

@@ -60,14 +60,14 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
     ),
     (
         ('surface = "pads"\nbody', 'surface = "skin"\nbody'),
-        "sensors.far.surface: expected one of ",
+        "sensors.far.surface: nothing presses on skin; name it in a contact",
     ),
     (
         ("spheres = [0, 1]", "spheres = [0, 4]"),
         "sensors.near.spheres: expected different numbers from 0 to 3",
     ),
     (("spheres = [0, 1]", "spheres = [1, 1]"), "sensors.near.spheres: expected different numbers"),
-    (("spheres = [0, 1]", ""), "sensors.near: expected the zone as spheres or as a body"),
+    (("spheres = [0, 1]", ""), "sensors.near: expected the zone as one of spheres, body and at, got none"),
     (("[sensors.far]", "[sensors.near]"), "not TOML (Cannot declare ('sensors', 'near') twice (at line"),
     (
         ('["near", "far"]', '["near", "thumb"]'),
@@ -174,6 +174,44 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
         "vary.0: cameras.side.pixel changes what all designs share",
     ),
 ]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (
+            (
+                "[sensors.sum]",
+                '[contacts.hard]\nfirst = "skin"\nsecond = "soft_points"\nstiffness = "1 N/m"\n[sensors.sum]',
+            ),
+            "contacts.hard: expected line_stiffness, not stiffness, between tubes",
+        ),
+        (
+            ("[sensors.sum]", '[contacts.mixed]\nfirst = "pads"\nsecond = "soft_points"\n[sensors.sum]'),
+            "contact mixed: expected two surfaces of spheres, or two tubes",
+        ),
+        (
+            ("[sensors.sum]", '[contacts.bones]\nfirst = "skin"\nsecond = "skin"\n[sensors.sum]'),
+            "contacts.bones: both surfaces are on base, which is no rod on its own",
+        ),
+        (('at = "20 mm"', 'at = "71 mm"'), "sensors.near.at: expected at most 0.07 m, the length of skin"),
+        (('at = "20 mm"', 'at = "55 mm"'), "sensors.near.at: expected another place than that of far"),
+        (
+            ('at = "20 mm"', 'body = "tip"'),
+            "sensors.near.at: expected a distance along skin, which is a tube",
+        ),
+        (
+            ('surface = "skin"\nat = "20', 'surface = "pads"\nat = "20'),
+            "sensors.near.surface: nothing presses on pads",
+        ),
+    ],
+)
+def test_a_fault_of_tubes_is_one_sentence(
+    change: tuple[str, str], sentence: str, write: Write, tubes: list
+) -> None:
+    with pytest.raises((InputError, DataError)) as refused:
+        FileDesigns(read_system_file(write(*tubes, change)))
+    assert sentence in str(refused.value)
 
 
 @pytest.mark.parametrize(("change", "sentence"), FAULTS, ids=lambda each: str(each)[-40:])

@@ -4,7 +4,7 @@ from exosight.app.pipeline import camera_of
 from exosight.control import OnnxEstimator
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
-from exosight.exosuit.published import PublishedDesigns, published
+from exosight.exosuit.published import PublishedDesigns
 from exosight.system.camera import Camera
 from exosight.system.designs import DesignSet, FileDesigns
 from exosight.system.schema import difference
@@ -22,7 +22,7 @@ def nominal_system(designs: DesignSet, exosuit: Exosuit, estimator: OnnxEstimato
     if isinstance(designs, FileDesigns):
         system = designs.build(designs.nominal())
     elif isinstance(designs, PublishedDesigns):
-        system = published(exosuit, camera_for(designs, estimator))
+        system = designs.preset(exosuit, camera_for(designs, estimator))
     else:
         raise InputError(f"system: {designs.name} has no nominal design; choose another, or a system file")
     if estimator is not None:

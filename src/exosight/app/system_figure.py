@@ -14,7 +14,7 @@ from exosight.mechanics import Link, PressureLine, walk
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
 from exosight.system.sensors import ContactForce
-from exosight.system.surfaces import SphereSurface, TubeSurface
+from exosight.system.surfaces import SphereSurface, TubeSurface, zone_middle, zone_radius
 from exosight.system.system import System
 from exosight.vision.renderer import Tube, render
 
@@ -48,27 +48,11 @@ def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
     for tube in system.tubes:
         _draw_tube(axes, tube, robot, motion)
     position = np.asarray(motion.position)[:, ::2] * MM
-    zones = [sensor for sensor in system.sensors if isinstance(sensor, ContactForce)]
-    colours = colormaps["tab10"] if len(zones) <= 10 else colormaps["tab20"]
     for surface in system.surfaces:
         if isinstance(surface, SphereSurface):
             centres = position[list(surface.spheres.index(robot))]
-            radii = np.asarray(surface.spheres.radius) * MM
-            _draw_spheres(axes, centres, radii, "0.6", 0.4)
-            for number, zone in enumerate(zones):
-                if zone.surface == surface.name:
-                    chosen = list(zone.spheres)
-                    colour = colours(number % colours.N)
-                    _draw_spheres(axes, centres[chosen], radii[chosen], colour, 1.5)
-                    axes.annotate(
-                        zone.spec.name,
-                        centres[chosen].mean(axis=0) - [0, radii[chosen].max()],
-                        xytext=(0, -4 - 9 * (number % 2)),  # neighbours may stand close
-                        textcoords="offset points",
-                        ha="center",
-                        va="top",
-                        color=colour,
-                    )
+            _draw_spheres(axes, centres, np.asarray(surface.spheres.radius) * MM, "0.6", 0.4)
+    _draw_zones(axes, system, robot, motion)
     joints = [body.name for body in robot.bodies if isinstance(body, Link) and body.joint.dofs]
     places = (
         np.array([np.asarray(motion[name].pose)[0, :3, 3] for name in joints]).reshape(-1, 3)[:, ::2] * MM
@@ -89,6 +73,28 @@ def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
     )
     axes.margins(0.08, 0.2)
     axes.autoscale_view()
+
+
+def _draw_zones(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
+    """A circle of the surface's radius at the middle of each zone, and its name below."""
+    zones = [sensor for sensor in system.sensors if isinstance(sensor, ContactForce)]
+    surfaces = {surface.name: surface for surface in system.surfaces}
+    colours = colormaps["tab10"] if len(zones) <= 10 else colormaps["tab20"]
+    for number, zone in enumerate(zones):
+        surface = surfaces[zone.surface]
+        centre = np.asarray(zone_middle(zone, surface, robot, motion))[::2] * MM
+        size = float(zone_radius(zone, surface, robot)) * MM
+        colour = colours(number % colours.N)
+        _draw_spheres(axes, centre[None], np.array([size]), colour, 1.5)
+        axes.annotate(
+            zone.spec.name,
+            (centre[0], centre[1] - size),
+            xytext=(0, -4 - 9 * (number % 2)),  # neighbours may stand close
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            color=colour,
+        )
 
 
 def _draw_tube(axes: Axes, tube: TubeSurface, robot: Robot, motion: Motion) -> None:

@@ -5,14 +5,15 @@ from collections.abc import Sequence
 import numpy as np
 
 from exosight.evaluation.tables import Cell, Column, Table
+from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.tree import Body
 from exosight.system.camera import Camera
 from exosight.system.description import VaryTable
 from exosight.system.schema import Channel
-from exosight.system.sensors import ContactForce, JointAngle, NetForce, Sensor
+from exosight.system.sensors import ContactForce, JointAngle, NetForce, PlaceZone, Sensor, SphereZone
 from exosight.system.surfaces import Surface, TubeSurface
-from exosight.system.system import System
+from exosight.system.system import ContactTerm, System
 
 
 def system_tables(system: System, varied: Sequence[VaryTable] = ()) -> list[Table]:
@@ -24,8 +25,11 @@ def system_tables(system: System, varied: Sequence[VaryTable] = ()) -> list[Tabl
         Table(
             "contacts",
             "Contacts",
-            (Column("contact"), Column("first"), Column("second"), Column("stiffness", "N/m")),
-            tuple((each.name, each.first, each.second, float(each.stiffness)) for each in system.contacts),
+            (Column("contact"), Column("first"), Column("second"), Column("stiffness"), Column("unit")),
+            tuple(
+                (each.name, each.first, each.second, float(each.stiffness), _stiffness_unit(term))
+                for each, term in zip(system.contacts, system.contact_terms, strict=True)
+            ),
         ),
         _channels(schema.channels),
         _sensors(system.sensors),
@@ -109,11 +113,23 @@ def _sensors(sensors: Sequence[Sensor]) -> Table:
 def _measured(sensor: Sensor) -> str:
     match sensor:
         case ContactForce():
-            return f"{sensor.surface} {', '.join(map(str, sensor.spheres))}"
+            return f"{sensor.surface} {_zone(sensor.zone)}"
         case NetForce():
             return " + ".join(sensor.spec.parts)
         case JointAngle():
             return f"{sensor.body}, coordinate {sensor.coordinate}"
+
+
+def _stiffness_unit(term: ContactTerm) -> str:
+    """Of a pair of spheres, or of a length of tube."""
+    return "N/m" if isinstance(term, SphereContact) else "N/m²"
+
+
+def _zone(zone: SphereZone | PlaceZone) -> str:
+    """Numbers of spheres, or the distance along a tube."""
+    if isinstance(zone, SphereZone):
+        return ", ".join(map(str, zone.spheres))
+    return f"at {1e3 * float(zone.middle):.3g} mm"
 
 
 def _cameras(cameras: Sequence[tuple[str, Camera]]) -> Table:

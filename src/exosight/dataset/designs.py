@@ -9,7 +9,7 @@ from exosight.dataset.config import DESIGNS, PUBLISHED_ONLY, GenerateConfig
 from exosight.dataset.manifest import Manifest
 from exosight.errors import DataError, InputError
 from exosight.exosuit.assembly import Exosuit
-from exosight.exosuit.catalogue import find_system
+from exosight.exosuit.catalogue import PRESETS, find_system
 from exosight.exosuit.published import PublishedDesigns
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet, FileDesigns
@@ -48,7 +48,7 @@ def design_set(config: GenerateConfig, description: Values | None) -> DesignSet:
                 f"designs: the system {config.system} goes by per_scenario, designs of each of its scenarios"
             )
         nominal = Exosuit(young=config.young, contact_stiffness=config.contact_stiffness, gap=config.gap)
-        return PublishedDesigns(nominal, config.plant, config.camera)
+        return PublishedDesigns(nominal, config.plant, config.camera, PRESETS[config.system][0])
     for option in PUBLISHED_ONLY:
         if getattr(config, option) != getattr(_NOMINAL, option):
             raise InputError(

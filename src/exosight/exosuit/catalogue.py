@@ -3,16 +3,25 @@
 from pathlib import Path
 
 from exosight.errors import InputError
-from exosight.exosuit.published import NAME, PublishedDesigns, published
+from exosight.exosuit import index, published
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import Preset, PublishedDesigns
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape
 from exosight.system.designs import DesignSet, FileDesigns
 from exosight.system.file import read_system_file
 from exosight.system.system import System
 
-PRESETS: dict[str, str] = {
-    NAME: "the paper's finger and exosuits: eight spheres, one pressure line, one camera"
+PRESETS: dict[str, tuple[Preset, str]] = {
+    published.NAME: (
+        published.published,
+        "the paper's finger and exosuits: eight spheres, one pressure line, one camera",
+    ),
+    index.NAME: (
+        index.index,
+        "the same with contact of their surfaces: tapered links, and the exosuit against itself",
+    ),
 }
-"""Names of the presets, and what each is."""
+"""The presets by name, and what each is."""
 
 
 def find_system(name: str) -> DesignSet:
@@ -21,8 +30,8 @@ def find_system(name: str) -> DesignSet:
     Raises InputError for an unknown name or a file that describes no system, DataError for one that cannot be
     read.
     """
-    if name == NAME:
-        return PublishedDesigns()
+    if name in PRESETS:
+        return PublishedDesigns(preset=PRESETS[name][0])
     if name.endswith(".toml") or "/" in name:
         values = read_system_file(Path(name))
         try:
@@ -35,9 +44,11 @@ def find_system(name: str) -> DesignSet:
 
 
 def nominal_system(name: str, shape: ExosuitShape = TABLE_I) -> System:
-    """The published system with this exosuit, or what a file describes without variation.
+    """A preset with this exosuit, or what a file describes without variation.
 
     Raises what `find_system` raises.
     """
     designs = find_system(name)
-    return designs.build(designs.nominal()) if isinstance(designs, FileDesigns) else published(shape)
+    if isinstance(designs, FileDesigns):
+        return designs.build(designs.nominal())
+    return PRESETS[name][0](Exosuit(shape), designs.camera)

@@ -50,6 +50,14 @@ class Finger:
         a, b = self.radii[link], self.radii[link + 1]
         return self.lengths[link] * (a * a + 2 * a * b + 3 * b * b) / (4 * (a * a + a * b + b * b))
 
+    def sphere_places(self) -> tuple[float, ...]:
+        """Distance [m] of each contact sphere along the finger: at each link's base and centre of mass."""
+        places, start = [], 0.0
+        for i, length in enumerate(self.lengths):
+            places += [start, start + self.centre_of_mass(i)]
+            start += length
+        return tuple(places)
+
     def sphere_radii(self) -> tuple[float, ...]:
         """Radius [m] of each contact sphere: the link's local radius."""
         radii = []

@@ -1,6 +1,6 @@
 """The published system: a soft exosuit clamped above a finger, as the paper describes it."""
 
-from collections.abc import Hashable
+from collections.abc import Callable, Hashable
 from dataclasses import fields, replace
 from functools import cached_property, lru_cache
 
@@ -20,7 +20,7 @@ from exosight.system.design import Design
 from exosight.system.designs import Filter
 from exosight.system.observation import Observation
 from exosight.system.schema import Channel, Schema, SensorSpec
-from exosight.system.sensors import ContactForce, JointAngle, NetForce
+from exosight.system.sensors import ContactForce, JointAngle, NetForce, SphereZone
 from exosight.system.surfaces import SphereSurface, TubeSurface
 from exosight.system.system import Actuator, Contact, System
 
@@ -55,7 +55,9 @@ def system_of(robot: Robot, finger: Finger, camera: Camera = NOMINAL_CAMERA) -> 
     links = [body.name for body in robot.bodies if body.name != ROD]
     names = [f"C{i}" for i in range(len(contact.second.frames))]
     zones = tuple(
-        ContactForce(SensorSpec(name, "contact force", "N", estimated=i > 0), "finger_spheres", (i,))
+        ContactForce(
+            SensorSpec(name, "contact force", "N", estimated=i > 0), "finger_spheres", SphereZone((i,))
+        )
         for i, name in enumerate(names)
     )
     hinges = tuple(
@@ -98,15 +100,19 @@ FILTERS: dict[str, Filter] = {"tip_below_finger": tip_below_finger}
 """What the published dataset leaves out beside what every dataset does."""
 
 
+Preset = Callable[[Exosuit, Camera], System]
+"""The system of an exosuit."""
+
+
 class PublishedDesigns:
     """The eleven published scenarios of exosuit shapes, with what may vary in finger, material and mount.
 
     nominal     what every design shares: finger, modulus, contact stiffness, gap, mount; not its shape
     variation   how designs differ besides their shapes
     camera      of every image
+    preset      the system of an exosuit and a camera: `published`, or another one of the same parts
     """
 
-    name = NAME
     families = tuple(FAMILIES)
     scenarios = tuple(scenario.name for scenario in SCENARIOS)
     filters = FILTERS
@@ -116,8 +122,14 @@ class PublishedDesigns:
         nominal: Exosuit = NOMINAL,
         variation: PlantVariation = NO_VARIATION,
         camera: Camera = NOMINAL_CAMERA,
+        preset: Preset = published,
     ) -> None:
-        self.nominal, self.variation, self.camera = nominal, variation, camera
+        self.nominal, self.variation, self.camera, self.preset = nominal, variation, camera, preset
+
+    @property
+    def name(self) -> str:
+        """Of the system."""
+        return self.schema.system
 
     @property
     def schema(self) -> Schema:
@@ -126,7 +138,7 @@ class PublishedDesigns:
 
     @cached_property
     def _schema(self) -> Schema:
-        return published(self.nominal, self.camera).schema
+        return self.preset(self.nominal, self.camera).schema
 
     def draw(self, per_scenario: int, seed: int) -> tuple[Design, ...]:
         """Distinct shapes of each scenario, see `sample_shapes`; the rest depends on seed and number."""
@@ -138,7 +150,7 @@ class PublishedDesigns:
 
     def build(self, design: Design) -> System:
         """The system of a design; InputError for parameters that are no shape's."""
-        return published(self.exosuit(design), self.camera)
+        return self.preset(self.exosuit(design), self.camera)
 
     def numbers(self, design: Design) -> dict[str, float]:
         """The fields of the design's `Variant`, of several numbers with their places; none if none vary."""

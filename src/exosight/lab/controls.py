@@ -12,7 +12,6 @@ from exosight.lab.settings import CameraSettings, Corruption, Disturbance, Law, 
 from exosight.lab.system import LabSystem
 from exosight.lab.views import zones_of
 from exosight.system.schema import SensorSpec
-from exosight.system.surfaces import SphereSurface
 from exosight.system.system import System
 
 _CAMERA = (
@@ -90,9 +89,9 @@ def _scene(system: System) -> dict[str, Any]:
     """What stays of a drawing: tubes, zones, and the rectangle that the camera sees [mm]."""
     camera = system.camera
     links = {body.name for body in system.bodies if not hasattr(body, "strains")}
-    spheres = {each.name: each.spheres for each in system.surfaces if isinstance(each, SphereSurface)}
+    surfaces = {each.name: each for each in system.surfaces}
     zones = zones_of(system)
-    zoned = {spheres[zone.surface].frames[i][0] for zone in zones for i in zone.spheres}
+    zoned = {body for zone in zones for body in surfaces[zone.surface].bodies}
     return {
         "tubes": [
             {

@@ -1,11 +1,10 @@
 """What can be set of the published system: family and parameters of the exosuit, material, finger."""
 
 from exosight.exosuit.assembly import Exosuit, varied
-from exosight.exosuit.published import published
+from exosight.exosuit.published import NOMINAL_CAMERA, Preset, published
 from exosight.exosuit.shapes import FAMILIES, Range, ranges, shape_from_dict
 from exosight.exosuit.variation import Variant
 from exosight.lab.designs import Choice, DesignControls, Group, Option, Slider, Values
-from exosight.system.system import System
 
 _EXOSUIT = (
     Slider("length", "Length", "mm", 70.0, 110.0, 0.1, 95.0),
@@ -40,13 +39,16 @@ _SHOWN = {"m": ("mm", 1e3), "(0.1 mm)": ("mm", 0.1)}
 """Unit of a parameter in Table II → the one shown, and how many of these it is."""
 
 
-def published_controls() -> DesignControls:
-    """The designs of the published system: an exosuit of any family and its finger."""
+def published_controls(preset: Preset = published) -> DesignControls:
+    """The designs of the published system, or of another one of its parts: an exosuit of any family and its
+    finger."""
     families = tuple(
         Option(name, label, _sliders(name, words)) for name, (label, *words) in _FAMILIES.items()
     )
     groups = (Group("Exosuit", _EXOSUIT, Choice("family", "Family", families)), Group("Finger", _FINGER))
-    return DesignControls(published().schema, groups, _build)
+    return DesignControls(
+        preset(Exosuit(), NOMINAL_CAMERA).schema, groups, lambda values: preset(_worn(values), NOMINAL_CAMERA)
+    )
 
 
 def _keys(family: str) -> dict[str, tuple[str, Range]]:
@@ -68,7 +70,7 @@ def _sliders(family: str, words: list[tuple[str, float]]) -> tuple[Slider, ...]:
     return tuple(sliders)
 
 
-def _build(values: Values) -> System:
+def _worn(values: Values) -> Exosuit:
     family = values["family"]
     numbers: dict[str, list[float]] = {}
     for key, (name, each) in _keys(family).items():
@@ -83,4 +85,4 @@ def _build(values: Values) -> System:
         joint_stiffness=(stiffer, stiffer, stiffer),
     )
     exosuit = Exosuit(shape_from_dict(shape), young=1e3 * values["young"], gap=values["gap"] / 1e3)
-    return published(varied(exosuit, finger))
+    return varied(exosuit, finger)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.errors import InputError
-from exosight.exosuit.catalogue import find_system
+from exosight.exosuit.catalogue import PRESETS, find_system
 from exosight.lab.designs import DesignControls, file_controls, key_of
 from exosight.lab.pose_cache import CachedSystem, Drive, Grid, Move, PoseCache, grid_of
 from exosight.lab.published_designs import published_controls
@@ -134,7 +134,9 @@ def open_system(name: str = PUBLISHED, model: Path | None = None) -> LabSystem:
     Raises InputError or DataError for a system or a network that cannot be used.
     """
     designs = find_system(name)
-    controls = file_controls(designs) if isinstance(designs, FileDesigns) else published_controls()
+    controls = (
+        file_controls(designs) if isinstance(designs, FileDesigns) else published_controls(PRESETS[name][0])
+    )
     network = OnnxEstimator.load(DEFAULT_MODEL if model is None else model, alone=True)
     grids = tuple(grid_of(channel) for channel in controls.schema.channels)
     return LabSystem(name, designs, controls, grids, network, model, _refusal(network, controls.schema))

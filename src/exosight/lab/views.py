@@ -16,9 +16,10 @@ from exosight.lab.pictures import camera_image, png_text, tubes_outside
 from exosight.lab.pose_cache import STRIDE, CachedSystem, Move, Rest, round125
 from exosight.lab.settings import PathSettings, View
 from exosight.lab.system import LabSystem
+from exosight.mechanics.tree import Tree
 from exosight.system.observation import Observation, observe
 from exosight.system.sensors import ContactForce
-from exosight.system.surfaces import SphereSurface
+from exosight.system.surfaces import zone_radius
 from exosight.system.system import System
 from exosight.vision.scene import picture
 
@@ -142,9 +143,9 @@ def zones_of(system: System) -> list[ContactForce]:
 
 
 def _zone_radii(system: System) -> list[float]:
-    """Mean radius of the spheres of each zone [m]: an arrow stands that far from the zone's middle."""
-    radii = {s.name: np.asarray(s.spheres.radius) for s in system.surfaces if isinstance(s, SphereSurface)}
-    return [float(radii[zone.surface][list(zone.spheres)].mean()) for zone in zones_of(system)]
+    """Mean radius of the surface in each zone [m]: an arrow stands that far from the zone's middle."""
+    surfaces, tree = {surface.name: surface for surface in system.surfaces}, Tree(system.bodies)
+    return [float(zone_radius(zone, surfaces[zone.surface], tree)) for zone in zones_of(system)]
 
 
 def _millimetres(values: Any) -> Any:

@@ -4,7 +4,7 @@ Zeros, ones and numbers that are known beforehand disappear as the operations ar
 equal arguments are one.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import no_type_check
 
 import numpy as np
@@ -15,7 +15,7 @@ TOO_MANY = 3_000_000
 """Operations of a graph: beyond, unrolling a function is not worth its time and memory."""
 
 LONGEST_DOT = 10_000
-"""Products of one sum; their number has to fit in 16 bits."""
+"""Products of one sum, and numbers of one table: how many has to fit in 16 bits."""
 
 
 class Unsupported(Exception):
@@ -161,3 +161,11 @@ class Graph:
         if condition in self.known:
             return yes if self.known[condition] else no
         return yes if yes == no else self._new(int(Op.SELECT), (condition, yes, no))
+
+    def lookup(self, index: int, table: Sequence[int]) -> int:
+        """The value of a table at a place that depends on the arguments; outside, the nearest."""
+        if index in self.known:
+            return table[int(np.clip(self.known[index], 0, len(table) - 1))]
+        if len(table) > LONGEST_DOT:
+            raise Unsupported(f"a table of {len(table)} numbers")
+        return table[0] if len(set(table)) == 1 else self._new(int(Op.LOOKUP), (index, *table))

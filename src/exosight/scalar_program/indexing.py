@@ -56,6 +56,8 @@ def gather(graph: Graph, equation: Any, x: Values, starts: Values) -> Values:
     params = equation.params
     numbers, sizes = params["dimension_numbers"], params["slice_sizes"]
     mode = params["mode"]
+    if not all(value in graph.known for value in starts.ravel().tolist()):
+        return _look_up(graph, equation, x, starts)
     places = _windows(
         x.shape,
         sizes,
@@ -76,6 +78,20 @@ def gather(graph: Graph, equation: Any, x: Values, starts: Values) -> Values:
     filling = params["fill_value"]
     empty = graph.constant(np.nan if filling is None else float(filling))
     return np.where(places < 0, empty, x.ravel()[np.maximum(places, 0)])
+
+
+def _look_up(graph: Graph, equation: Any, x: Values, starts: Values) -> Values:
+    """Rows of an array by numbers that depend on the arguments and are known to lie inside."""
+    params = equation.params
+    numbers, sizes = params["dimension_numbers"], params["slice_sizes"]
+    rows = numbers.start_index_map == (0,) == numbers.collapsed_slice_dims and sizes[1:] == x.shape[1:]
+    if not rows or params["mode"] != GatherScatterMode.PROMISE_IN_BOUNDS:
+        raise Unsupported("gather by numbers that depend on the arguments, except of rows that lie inside")
+    flat = x.reshape(len(x), -1).T.tolist()
+    found = [[graph.lookup(row, column) for column in flat] for row in starts.ravel().tolist()]
+    count = starts.shape[:-1]
+    result = np.array(found, dtype=np.int64).reshape(*count, *x.shape[1:])
+    return np.moveaxis(result, range(len(count), result.ndim), numbers.offset_dims)
 
 
 def scatter(graph: Graph, equation: Any, x: Values, starts: Values, updates: Values) -> Values:

@@ -7,7 +7,7 @@ Structures of that interface: xla/ffi/api/c_api.h, version 0.3.
 """
 
 import ctypes
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from typing import Any, TypeAlias
@@ -121,13 +121,7 @@ def _run(module: ir.Module, word: ir.IntType, lanes: int) -> Value:
     b.ret_void()
     b.position_at_end(body)
 
-    def take(b: Builder) -> Value:
-        """The next word of the code."""
-        here = b.load(place)
-        b.store(b.gep(here, [LONG(1)]), place)
-        return b.zext(b.load(here), LONG)
-
-    operation, count = take(b), take(b)
+    operation, count = _take(b, place), _take(b, place)
     unknown = b.append_basic_block("unknown")
     switch = b.switch(operation, unknown)
     b.position_at_end(unknown)
@@ -138,33 +132,59 @@ def _run(module: ir.Module, word: ir.IntType, lanes: int) -> Value:
         block = b.append_basic_block(op.name)
         switch.add_case(LONG(int(op)), block)
         b.position_at_end(block)
-        _one_kind(b, op, count, slots, take)
+        _one_kind(b, op, count, slots, place)
         b.branch(head)
     return function
 
 
-def _one_kind(b: Builder, op: Op, count: Value, slots: Value, take: Callable) -> None:
-    """A run of `count` operations of one kind."""
+def _take(b: Builder, place: Value) -> Value:
+    """The next word of the code."""
+    here = b.load(place)
+    b.store(b.gep(here, [LONG(1)]), place)
+    return b.zext(b.load(here), LONG)
+
+
+def _one_kind(b: Builder, op: Op, count: Value, slots: Value, place: Value) -> None:
+    """A run of `count` operations of one kind, whose code begins at `place`."""
 
     def slot() -> Value:
-        return b.gep(slots, [take(b)], inbounds=True)
+        return b.gep(slots, [_take(b, place)], inbounds=True)
 
     def read() -> Value:
         return b.load(slot(), align=8 * vector.count)
 
     vector = slots.type.pointee
-    terms = take(b) if op == Op.DOT else None
+    terms = _take(b, place) if op in (Op.DOT, Op.LOOKUP) else None
     total = _variable(b, vector)
     with _loop(b, count):
         into = slot()
         if terms is None:
             result = _result(b, op, [read() for _ in range(_arity(op))])
+        elif op == Op.LOOKUP:
+            result = _look_up(b, read(), slots, terms, place)
         else:
             b.store(b.fmul(read(), read()), total)
             with _loop(b, b.sub(terms, LONG(1))):
                 b.store(_multiply_add(b, read(), read(), b.load(total)), total)
             result = b.load(total)
         b.store(result, into, align=8 * vector.count)
+
+
+def _look_up(b: Builder, index: Value, slots: Value, size: Value, place: Value) -> Value:
+    """Each lane's own choice of the `size` slots that the code names next."""
+    lanes = index.type.count
+    table, numbers = b.load(place), b.bitcast(slots, DOUBLE.as_pointer())
+    b.store(b.gep(table, [size]), place)
+    zero, last = ir.Constant(DOUBLE, 0.0), b.uitofp(b.sub(size, LONG(1)), DOUBLE)
+    result = ir.Constant(index.type, ir.Undefined)
+    for lane in range(lanes):
+        where = b.extract_element(index, WORD(lane))
+        where = b.select(b.fcmp_ordered(">", where, zero), where, zero)  # what is not a number: 0
+        where = b.select(b.fcmp_ordered("<", where, last), where, last)
+        slot = b.zext(b.load(b.gep(table, [b.fptosi(where, LONG)])), LONG)
+        value = b.load(b.gep(numbers, [b.add(b.mul(slot, LONG(lanes)), LONG(lane))]))
+        result = b.insert_element(result, value, WORD(lane))
+    return result
 
 
 def _arity(op: Op) -> int:

@@ -46,6 +46,7 @@ class Op(IntEnum):
     POW = 35
     ATAN2 = 36
     CBRT = 37
+    LOOKUP = 38
     CONSTANT = -1
     INPUT = -2
 

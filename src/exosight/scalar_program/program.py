@@ -22,7 +22,8 @@ LONGEST_RUN = 60_000
 class Program(NamedTuple):
     """What the interpreter runs. Slots 0, 1, … hold first the constants, then the arguments.
 
-    code        runs of equal operations: operation, count, terms (of a DOT), then slots of each, result first
+    code        runs of equal operations: operation, count, terms (of a DOT or LOOKUP), then slots of each,
+                result first
     outputs     slots of the results
     constants   values of the first slots
     slots       how many there are
@@ -46,6 +47,7 @@ def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
 
     What it hands on follows its own results; the first stage is handed nothing.
     """
+    one = graph.constant(1.0)
     op, args = list(graph.op), list(graph.args)
     level = _levels(op, args, stages)
     for number, stage in enumerate(stages):
@@ -54,7 +56,7 @@ def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
     live = _live(op, args, stages)
     uses = Counter(a for i in live for a in args[i])
     uses.update(value for stage in stages for value in stage.results)
-    live = _fuse(op, args, level, live, uses)
+    live = _fuse(op, args, level, live, uses, one)
     made, handed = [], []
     for number, stage in enumerate(stages):
         own = [i for i in live if op[i] >= 0 and level[i] == number]
@@ -93,7 +95,7 @@ def _live(op: list[int], args: list[tuple[int, ...]], stages: Sequence[Stage]) -
 
 
 def _fuse(
-    op: list[int], args: list[tuple[int, ...]], level: list[int], live: list[int], uses: Counter
+    op: list[int], args: list[tuple[int, ...]], level: list[int], live: list[int], uses: Counter, one: int
 ) -> list[int]:
     """Products that only one sum uses become part of it; what is left of `live`."""
     gone = set()
@@ -101,7 +103,18 @@ def _fuse(
     def product(i: int, into: int) -> bool:
         return op[i] == Op.MUL and uses[i] == 1 and level[i] == level[into] and i not in gone
 
+    def within(pair: tuple[int, int], into: int) -> tuple[int, ...]:
+        """The factors of a summand that is a product times one."""
+        for a, b in (pair, pair[::-1]):
+            if b == one and product(a, into):
+                gone.add(a)
+                return args[a]
+        return pair
+
     for i in live:
+        if op[i] == Op.DOT:
+            pairs = zip(args[i][::2], args[i][1::2], strict=True)
+            args[i] = tuple(value for pair in pairs for value in within(pair, i))
         if op[i] not in (Op.ADD, Op.SUB):
             continue
         a, b = args[i]
@@ -145,8 +158,9 @@ def _arrange(
 
 
 def _kind(op: list[int], args: list[tuple[int, ...]], i: int) -> tuple[int, int]:
-    """What one run of the code holds: an operation, and for a DOT of so many terms."""
-    return op[i], len(args[i]) if op[i] == Op.DOT else 0
+    """What one run of the code holds: an operation, and for a DOT or LOOKUP of how many terms."""
+    terms = {Op.DOT: len(args[i]) // 2, Op.LOOKUP: len(args[i]) - 1}
+    return op[i], terms.get(Op(op[i]), 0)
 
 
 def _code(
@@ -158,7 +172,7 @@ def _code(
         kind, end = _kind(op, args, order[at]), at
         while end < len(order) and end - at < LONGEST_RUN and _kind(op, args, order[end]) == kind:
             end += 1
-        code += [kind[0], end - at, *([kind[1] // 2] if kind[1] else [])]
+        code += [kind[0], end - at, *([kind[1]] if kind[1] else [])]
         for i in order[at:end]:
             code += [slot[i], *(slot[a] for a in args[i])]
         at = end

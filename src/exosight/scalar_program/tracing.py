@@ -229,6 +229,23 @@ def _reduce(op: Callable) -> Callable:
     return rule
 
 
+def _place(op: Op) -> Callable:
+    """Where along an axis the first of the largest (GT) or smallest (LT) numbers stands."""
+
+    def rule(graph: Graph, equation: Any, x: Values) -> list[Values]:
+        places = []
+        for best, *rest in _reduced(equation, x).tolist():
+            place = graph.constant(0.0)
+            for i, value in enumerate(rest):
+                better = graph.apply(op, value, best)
+                best = graph.select(better, value, best)
+                place = graph.select(better, graph.constant(i + 1.0), place)
+            places.append(place)
+        return [np.array(places, dtype=np.int64)]
+
+    return rule
+
+
 def _running_sum(graph: Graph, equation: Any, x: Values) -> Values:
     axis, backwards = equation.params["axis"], equation.params["reverse"]
     rows = np.moveaxis(x, axis, 0)
@@ -309,6 +326,8 @@ RULES: dict[str, Callable] = {
     "reduce_prod": _reduce(lambda graph, a, b: graph.mul(a, b)),
     "reduce_and": _reduce(lambda graph, a, b: graph.apply(Op.AND, a, b)),
     "reduce_or": _reduce(lambda graph, a, b: graph.apply(Op.OR, a, b)),
+    "argmax": _place(Op.GT),
+    "argmin": _place(Op.LT),
     "cumsum": _running_sum,
     "dot_general": _product,
     "gather": gather,

@@ -1,10 +1,13 @@
 """From a description to a system: bodies, surfaces, contacts, actuators, sensors and cameras."""
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 
 from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.mechanics import Gravity
+from exosight.mechanics.surface_contact import line_stiffness
 from exosight.system.build_actuators import build_actuators
 from exosight.system.build_bodies import build_bodies, check_joint, rod_points
 from exosight.system.build_surfaces import build_surfaces
@@ -12,12 +15,12 @@ from exosight.system.camera import Camera
 from exosight.system.description import JOINT_COORDINATES, Description, SensorTable
 from exosight.system.faults import at_place
 from exosight.system.schema import SensorSpec
-from exosight.system.sensors import ContactForce, JointAngle, NetForce, Sensor
-from exosight.system.surfaces import SphereSurface
+from exosight.system.sensors import ContactForce, JointAngle, NetForce, PlaceZone, Sensor, SphereZone
+from exosight.system.surfaces import SphereSurface, Surface, TubeSurface
 from exosight.system.system import Contact, System
 from exosight.validation import check_name
 
-LARGEST = {"coordinates": 500, "points and spheres": 5000, "pairs of spheres": 100_000}
+LARGEST = {"coordinates": 500, "points and spheres": 5000, "pairs that could touch": 100_000}
 """What a system may have at most; one of these sizes takes seconds a load."""
 
 
@@ -30,8 +33,8 @@ def build(description: Description) -> System:
     _check_size(description)
     bodies = build_bodies(description)
     surfaces = build_surfaces(description)
-    spheres = {each.name: each for each in surfaces if isinstance(each, SphereSurface)}
-    contacts = tuple(_contact(description, name, spheres) for name in description.contacts)
+    named = {surface.name: surface for surface in surfaces}
+    contacts = tuple(_contact(description, name, named) for name in description.contacts)
     weight = () if description.gravity is None else (Gravity(jnp.array(description.gravity)),)
     system = System(
         name=description.name,
@@ -40,7 +43,7 @@ def build(description: Description) -> System:
         contacts=contacts,
         actuators=build_actuators(description),
         sensors=tuple(
-            at_place(f"sensors.{name}", _sensor, description, name, table, spheres)
+            at_place(f"sensors.{name}", _sensor, description, name, table, named)
             for name, table in description.sensors.items()
         ),
         cameras=tuple(
@@ -53,20 +56,38 @@ def build(description: Description) -> System:
     return system
 
 
-def _contact(description: Description, name: str, spheres: dict[str, SphereSurface]) -> Contact:
+def _contact(description: Description, name: str, surfaces: Mapping[str, Surface]) -> Contact:
     table = description.contacts[name]
     for side, surface in (("first", table.first), ("second", table.second)):
-        check_name(f"contacts.{name}.{side}", surface, spheres)
-    both = {body for body, _ in spheres[table.first].spheres.frames} & {
-        body for body, _ in spheres[table.second].spheres.frames
-    }
-    if both:
-        raise InputError(f"contacts.{name}: both surfaces are on {min(both)}; a body cannot press on itself")
-    return Contact(name, table.first, table.second, floats(table.stiffness))
+        check_name(f"contacts.{name}.{side}", surface, surfaces)
+    first, second = surfaces[table.first], surfaces[table.second]
+    both = set(first.bodies) & set(second.bodies)
+    if isinstance(first, SphereSurface) and isinstance(second, SphereSurface):
+        if both:
+            raise InputError(
+                f"contacts.{name}: both surfaces are on {min(both)}; spheres of a body cannot press on it"
+            )
+        if table.stiffness is None or table.line_stiffness is not None:
+            raise InputError(f"contacts.{name}: expected stiffness, not line_stiffness, between spheres")
+        return Contact(name, table.first, table.second, floats(table.stiffness))
+    if table.stiffness is not None:
+        raise InputError(f"contacts.{name}: expected line_stiffness, not stiffness, between tubes")
+    if first.bodies[0] not in description.rods:
+        first, second = second, first
+    if both and (first.name != second.name or first.bodies[0] not in description.rods):
+        raise InputError(f"contacts.{name}: both surfaces are on {min(both)}, which is no rod on its own")
+    rods = [
+        description.rods[surface.bodies[0]]
+        for surface in (first, second)
+        if surface.bodies[0] in description.rods
+    ]
+    soft = [line_stiffness(rod.young, rod.poisson) for rod in rods]
+    stiffness = table.line_stiffness or 1 / sum(1 / each for each in soft) if soft else 0.0
+    return Contact(name, first.name, second.name, floats(stiffness))
 
 
 def _sensor(
-    description: Description, name: str, table: SensorTable, spheres: dict[str, SphereSurface]
+    description: Description, name: str, table: SensorTable, surfaces: Mapping[str, Surface]
 ) -> Sensor:
     if table.type == "joint_angle":
         body = table.body or ""
@@ -79,17 +100,45 @@ def _sensor(
                 raise InputError(f"parts: expected forces, but {part} is a joint angle")
         return NetForce(SensorSpec(name, "net force", "N", parts=table.parts or (), limit=table.limit))
     surface = table.surface or ""
-    check_name("surface", surface, spheres)
+    check_name("surface", surface, surfaces)
     pressed = {side for each in description.contacts.values() for side in (each.first, each.second)}
     if surface not in pressed:
         raise InputError(f"surface: nothing presses on {surface}; name it in a contact")
     spec = SensorSpec(name, "contact force", "N", estimated=table.estimated, limit=table.limit)
-    return ContactForce(spec, surface, _zone(table, surface, spheres[surface]))
+    found = surfaces[surface]
+    if isinstance(found, SphereSurface):
+        return ContactForce(spec, surface, SphereZone(_zone(table, surface, found)))
+    return ContactForce(spec, surface, _place(description, name, table, found))
+
+
+def _place(description: Description, name: str, table: SensorTable, surface: TubeSurface) -> PlaceZone:
+    """The zone among all of a tube."""
+    if table.at is None:
+        raise InputError(
+            f"at: expected a distance along {surface.name}, which is a tube, got spheres or a body"
+        )
+    zones = {
+        other: each.at
+        for other, each in description.sensors.items()
+        if each.surface == surface.name and each.at is not None
+    }
+    length = sum((description.rods.get(body) or description.links[body]).length for body in surface.bodies)
+    if table.at > length:
+        raise InputError(
+            f"at: expected at most {length:g} m, the length of {surface.name}, got {table.at:g} m"
+        )
+    same = [other for other, at in zones.items() if at == table.at and other != name]
+    if same:
+        raise InputError(f"at: expected another place than that of {same[0]}, got {table.at:g} m for both")
+    order = sorted(zones, key=zones.__getitem__)
+    return PlaceZone(order.index(name), floats([zones[each] for each in order]))
 
 
 def _zone(table: SensorTable, name: str, surface: SphereSurface) -> tuple[int, ...]:
     """Numbers of the spheres that a contact force is summed over."""
     frames = surface.spheres.frames
+    if table.at is not None:
+        raise InputError(f"at: expected spheres or a body; {name} is a surface of spheres")
     if table.spheres is None:
         chosen = tuple(i for i, (body, _) in enumerate(frames) if body == table.body)
         if not chosen:
@@ -106,17 +155,20 @@ def _zone(table: SensorTable, name: str, surface: SphereSurface) -> tuple[int, .
 def _check_size(description: Description) -> None:
     """InputError for a system that is too large, before anything of it is made."""
     points = {name: rod_points(rod).size for name, rod in description.rods.items()}
-    spheres = {
-        name: sum(points.get(body, len(surface.at or ())) for body in surface.bodies)
+    sizes = {
+        name: sum(
+            points.get(body, len(surface.at or ()) if surface.type == "spheres" else 1)
+            for body in surface.bodies
+        )
         for name, surface in description.surfaces.items()
-        if surface.type == "spheres"
     }
+    spheres = [size for name, size in sizes.items() if description.surfaces[name].type == "spheres"]
     found = {
         "coordinates": sum(len(rod.strains) * (2 * rod.elements + 1) for rod in description.rods.values())
         + sum(JOINT_COORDINATES[link.joint.type] for link in description.links.values()),
-        "points and spheres": sum(points.values()) + sum(spheres.values()),
-        "pairs of spheres": sum(
-            spheres.get(each.first, 0) * spheres.get(each.second, 0) for each in description.contacts.values()
+        "points and spheres": sum(points.values()) + sum(spheres),
+        "pairs that could touch": sum(
+            sizes.get(each.first, 0) * sizes.get(each.second, 0) for each in description.contacts.values()
         ),
     }
     for what, count in found.items():

@@ -161,7 +161,7 @@ class RodTable:
 
 @dataclass(frozen=True, config=CONFIG)
 class SurfaceTable:
-    """Geometry that bodies carry: a tube is what cameras see, spheres are what contacts act between."""
+    """Geometry that bodies carry: cameras see tubes; contacts are of two tubes, or of two sets of spheres."""
 
     type: Literal["tube", "spheres"]
     bodies: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)]
@@ -177,12 +177,15 @@ class SurfaceTable:
 
 @dataclass(frozen=True, config=CONFIG)
 class ContactTable:
-    """Two surfaces of spheres that press on each other."""
+    """Two surfaces that press on each other: both of spheres, or tubes of which one is around a rod; one name
+    twice is a rod that presses on itself."""
 
     first: Name
     second: Name
-    stiffness: Stiffness
+    stiffness: Stiffness | None = None
     """of a pair of spheres"""
+    line_stiffness: Modulus | None = None
+    """of tubes: force a length and a depth; without: π/4 young/(1 − poisson²) of the rods, in series"""
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -224,6 +227,8 @@ class SensorTable:
     """of a contact force: the surface that it acts on"""
     spheres: Annotated[tuple[Sphere, ...], Field(min_length=1, max_length=1000)] | None = None
     """of a contact force: the zone, as numbers of spheres on that surface"""
+    at: Annotated[Distance, Field(ge=0)] | None = None
+    """of a contact force on a tube: the zone's middle, as a distance along it; neighbours share forces"""
     body: Name | None = None
     """of a joint angle: the link behind the joint; of a contact force: all spheres on it are the zone"""
     coordinate: Annotated[int, Field(ge=0, le=2)] = 0
@@ -239,7 +244,7 @@ class SensorTable:
         _refuse_unused(
             self,
             {
-                "contact_force": ("surface", "spheres", "body", "estimated", "limit"),
+                "contact_force": ("surface", "spheres", "at", "body", "estimated", "limit"),
                 "net_force": ("parts", "limit"),
                 "joint_angle": ("body", "coordinate", "estimated"),
             },
@@ -247,8 +252,11 @@ class SensorTable:
         needed = {"contact_force": "surface", "net_force": "parts", "joint_angle": "body"}[self.type]
         if getattr(self, needed) is None:
             raise ValueError(f"expected {needed} for a sensor of type {self.type}, got none")
-        if self.type == "contact_force" and (self.spheres is None) == (self.body is None):
-            raise ValueError("expected the zone as spheres or as a body, one of the two")
+        zone = [name for name in ("spheres", "body", "at") if getattr(self, name) is not None]
+        if self.type == "contact_force" and len(zone) != 1:
+            raise ValueError(
+                "expected the zone as one of spheres, body and at, got " + (" and ".join(zone) or "none")
+            )
         check_unique("parts", self.parts or ())
 
 

@@ -10,10 +10,14 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
-from exosight.mechanics.kinematics import walk
+from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.kinematics import Motion, walk
 from exosight.mechanics.robot import Robot
-from exosight.system.sensors import ContactForce, SensorInput
-from exosight.system.surfaces import SphereSurface
+from exosight.mechanics.rod import Rod
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.tube_contact import TubeContact
+from exosight.system.sensors import ContactForce, SensorInput, SurfaceForces
+from exosight.system.surfaces import zone_middle
 from exosight.system.system import System
 
 
@@ -67,40 +71,73 @@ def observe_state(system: System, q: Float[Array, " dofs"]) -> Observation:
     """The same of one system at one state; JAX can differentiate it."""
     robot = system.robot
     motion = walk(robot, q)
-    position = motion.position
-    forces = _sphere_forces(system, robot, position)
-    at = SensorInput(robot, q, forces, {})
+    surfaces = {surface.name: surface for surface in system.surfaces}
+    at = SensorInput(robot, q, contact_forces(system, robot, motion), {})
     values: dict[str, Array] = {}
     for sensor in system.sensors:
         values[sensor.spec.name] = sensor.read(at._replace(values=values))
     zones = [sensor for sensor in system.sensors if isinstance(sensor, ContactForce)]
-    centres = {
-        surface.name: position[np.array(surface.spheres.index(robot))]
-        for surface in system.surfaces
-        if isinstance(surface, SphereSurface)
-    }
     none = jnp.zeros((0, 3))
     return Observation(
         readings=jnp.stack(list(values.values())),
         forces=jnp.stack([zone.vector(at) for zone in zones]) if zones else none,
-        places=jnp.stack([centres[z.surface][np.array(z.spheres)].mean(axis=0) for z in zones])
+        places=jnp.stack([zone_middle(zone, surfaces[zone.surface], robot, motion) for zone in zones])
         if zones
         else none,
         axes={tube.name: tube.axis(robot, motion) for tube in system.tubes},
     )
 
 
-def _sphere_forces(
-    system: System, robot: Robot, position: Float[Array, "frames 3"]
-) -> dict[str, Float[Array, "spheres 3"]]:
-    """The contact force on every sphere of every surface [N]."""
-    forces: dict[str, Array] = {
-        surface.name: jnp.zeros((len(surface.spheres.frames), 3))
-        for surface in system.surfaces
-        if isinstance(surface, SphereSurface)
-    }
+def contact_forces(system: System, robot: Robot, motion: Motion) -> dict[str, SurfaceForces]:
+    """What presses on each surface, by its name."""
+    parts: dict[str, list[SurfaceForces]] = {surface.name: [] for surface in system.surfaces}
     for contact, term in zip(system.contacts, system.contact_terms, strict=True):
-        on_first, on_second = term.forces(robot, position)
-        forces[contact.first] = forces[contact.first] + on_first
-        forces[contact.second] = forces[contact.second] + on_second
-    return forces
+        match term:
+            case SphereContact():
+                sides = _on_spheres(term, robot, motion)
+            case SolidContact():
+                sides = _on_solids(term, robot, motion)
+            case TubeContact():
+                sides = _on_tubes(term, robot, motion)
+        for name, side in zip((contact.first, contact.second), sides, strict=True):
+            parts[name].append(side)
+    none = SurfaceForces(jnp.zeros((0, 3)), jnp.zeros(0))
+    return {
+        name: jax.tree.map(lambda *values: jnp.concatenate(values), none, *found)
+        for name, found in parts.items()
+    }
+
+
+def _on_spheres(term: SphereContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
+    first, second = (
+        SurfaceForces(force, jnp.arange(float(len(force)))) for force in term.forces(robot, motion.position)
+    )
+    return first, second
+
+
+def _on_solids(term: SolidContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
+    """Every point with each of the two solids that it may touch; distances along the chain of solids."""
+    at = term.contacts(robot, motion.pose)
+    length = jnp.asarray(term.second.length)
+    starts = jnp.cumsum(length) - length
+    push = term.pressure(robot, at)
+    force = jnp.concatenate(
+        [(share * push)[:, None] * touch.normal for share, touch in zip(at.share, at.touches, strict=True)]
+    )
+    place = jnp.concatenate([touch.which @ starts + touch.place for touch in at.touches])
+    along = _along(term.first.rod, robot)
+    return SurfaceForces(force, jnp.concatenate([along, along])), SurfaceForces(-force, place)
+
+
+def _on_tubes(term: TubeContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
+    force, at = term.forces(robot, motion.pose)
+    nodes = _along(term.second.rod, robot)
+    place = nodes[at.piece] + at.t * (nodes[at.piece + 1] - nodes[at.piece])
+    return SurfaceForces(force, _along(term.first.rod, robot)), SurfaceForces(-force, place)
+
+
+def _along(rod: str, robot: Robot) -> Float[Array, " points"]:
+    """Distance of a rod's points from its base, unbent [m]."""
+    body = robot[rod]
+    assert isinstance(body, Rod)
+    return jnp.asarray(body.length * body.quadrature.points)

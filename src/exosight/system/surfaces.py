@@ -9,7 +9,12 @@ from jaxtyping import Array, Float
 from exosight.arrays import AnyArray
 from exosight.mechanics.contact import Spheres
 from exosight.mechanics.kinematics import Motion
+from exosight.mechanics.link import Link
 from exosight.mechanics.robot import Robot
+from exosight.mechanics.rod import Rod
+from exosight.mechanics.surface_contact import Solids, Tube
+from exosight.mechanics.tree import Tree
+from exosight.system.sensors import ContactForce, PlaceZone, SphereZone
 
 Node = tuple[str, int | Literal["end"]]
 """A body, and one of its frames by number, or its end."""
@@ -25,9 +30,15 @@ class SphereSurface(eqx.Module):
     name: str = eqx.field(static=True)
     spheres: Spheres
 
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that carry it."""
+        return tuple(dict.fromkeys(body for body, _ in self.spheres.frames))
+
 
 class TubeSurface(eqx.Module):
-    """A tapered tube with round ends along the frames of one body or several: what a camera sees.
+    """A tapered tube with round ends along the frames of one body or several: what cameras see and contacts
+    act between.
 
     name     of the surface (static)
     nodes    the frames that its axis runs through (static)
@@ -40,6 +51,34 @@ class TubeSurface(eqx.Module):
     radius: Float[AnyArray, " nodes"]
     shade: float = eqx.field(static=True)
 
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that carry it."""
+        return tuple(dict.fromkeys(body for body, _ in self.nodes))
+
+    def along(self, tree: Tree) -> Float[Array, " nodes"]:
+        """Distance of the nodes from the first one, along the unbent tube [m]."""
+        body = tree[self.nodes[0][0]]
+        if isinstance(body, Rod):
+            return jnp.asarray(body.length * body.quadrature.points)
+        return jnp.cumsum(jnp.stack([jnp.zeros(()), *(jnp.asarray(x.length) for x in self._links(tree))]))
+
+    def contact_side(self, tree: Tree) -> Tube | Solids:
+        """The surface as mechanics knows it: around a rod, or tapered solids."""
+        body = tree[self.nodes[0][0]]
+        if isinstance(body, Rod):
+            return Tube(body.name, self.radius)
+        radius = jnp.asarray(self.radius)
+        return Solids(
+            tuple((link.name, 0) for link in self._links(tree)),
+            jnp.stack([jnp.asarray(link.length) for link in self._links(tree)]),
+            jnp.stack([radius[:-1], radius[1:]], axis=1),
+        )
+
+    def _links(self, tree: Tree) -> list[Link]:
+        bodies = [tree[body] for body, frame in self.nodes if frame != "end"]
+        return [body for body in bodies if isinstance(body, Link)]
+
     def axis(self, robot: Robot, motion: Motion) -> Float[Array, "nodes 3"]:
         """Where the nodes are in the world [m]."""
         return jnp.stack(
@@ -51,3 +90,26 @@ class TubeSurface(eqx.Module):
 
 
 Surface = SphereSurface | TubeSurface
+
+
+def zone_middle(zone: ContactForce, surface: Surface, robot: Robot, motion: Motion) -> Float[Array, "3"]:
+    """The middle of a zone, on its surface's axis [m]."""
+    match zone.zone, surface:
+        case SphereZone(spheres), SphereSurface():
+            index = surface.spheres.index(robot)
+            return motion.position[jnp.array([index[i] for i in spheres])].mean(axis=0)
+        case PlaceZone(), TubeSurface():
+            middle, along = zone.zone.middle, surface.along(robot)
+            axis = surface.axis(robot, motion)
+            return jnp.stack([jnp.interp(middle, along, axis[:, i]) for i in range(3)])
+    raise TypeError(f"a zone of {type(zone.zone).__name__} on {type(surface).__name__}")
+
+
+def zone_radius(zone: ContactForce, surface: Surface, tree: Tree) -> Float[Array, ""]:
+    """The mean radius of the surface in a zone, for places along a tube that in its middle [m]."""
+    match zone.zone, surface:
+        case SphereZone(spheres), SphereSurface():
+            return jnp.asarray(surface.spheres.radius)[jnp.array(spheres)].mean()
+        case PlaceZone(), TubeSurface():
+            return jnp.interp(zone.zone.middle, surface.along(tree), jnp.asarray(surface.radius))
+    raise TypeError(f"a zone of {type(zone.zone).__name__} on {type(surface).__name__}")

@@ -1,6 +1,6 @@
 """A system: bodies, surfaces, contacts, actuators, sensors and cameras, all named, all plural."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TypeVar
 
 import equinox as eqx
@@ -12,29 +12,68 @@ from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.robot import Robot
+from exosight.mechanics.surface_contact import SolidContact, Solids, Tube
 from exosight.mechanics.term import Term
-from exosight.mechanics.tree import Body
+from exosight.mechanics.tree import Body, Tree
+from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.camera import Camera
 from exosight.system.schema import Channel, Schema, ViewSpec
-from exosight.system.sensors import ContactForce, JointAngle, Sensor
+from exosight.system.sensors import ContactForce, JointAngle, PlaceZone, Sensor, SphereZone
 from exosight.system.surfaces import SphereSurface, Surface, TubeSurface
 from exosight.validation import check_name, check_unique
 
 Part = TypeVar("Part", bound=eqx.Module)
+ContactTerm = SphereContact | SolidContact | TubeContact
 
 
 class Contact(eqx.Module):
-    """Two surfaces that press on each other.
+    """Two surfaces that press on each other: two sets of spheres, or two tubes, the first one around a rod.
 
     name            of the contact (static)
-    first, second   names of two sphere surfaces (static)
-    stiffness       ()   of a pair of spheres [N/m]
+    first, second   names of the surfaces; the same for a rod that presses on itself (static)
+    stiffness       ()   of a pair of spheres [N/m], or of a length of the first tube [N/m²]
     """
 
     name: str = eqx.field(static=True)
     first: str = eqx.field(static=True)
     second: str = eqx.field(static=True)
     stiffness: Float[AnyArray, ""]
+
+
+def _contact_term(contact: Contact, surfaces: Mapping[str, Surface], tree: Tree) -> ContactTerm:
+    """The energy of a contact; InputError for surfaces that cannot press on each other."""
+    first, second = surfaces[contact.first], surfaces[contact.second]
+    if isinstance(first, SphereSurface) and isinstance(second, SphereSurface):
+        return SphereContact(first.spheres, second.spheres, contact.stiffness)
+    if isinstance(first, TubeSurface) and isinstance(second, TubeSurface):
+        match first.contact_side(tree), second.contact_side(tree):
+            case Tube() as tube, Solids() as solids:
+                return SolidContact(tube, solids, contact.stiffness)
+            case Tube() as tube, Tube() as other:
+                return TubeContact(tube, other, contact.stiffness)
+    raise InputError(
+        f"contact {contact.name}: expected two surfaces of spheres, or two tubes, one of them around a rod, "
+        f"got {contact.first} and {contact.second}"
+    )
+
+
+def _check_zone(sensor: ContactForce, surface: Surface) -> None:
+    """InputError for a zone that is not on its surface."""
+    match sensor.zone, surface:
+        case SphereZone(spheres), SphereSurface():
+            count = len(surface.spheres.frames)
+            if not spheres or not all(0 <= i < count for i in spheres):
+                raise InputError(
+                    f"sensor {sensor.spec.name}: expected spheres 0…{count - 1} of {surface.name}, got "
+                    f"{spheres}"
+                )
+        case PlaceZone(), TubeSurface():
+            return
+        case _:
+            raise InputError(
+                f"sensor {sensor.spec.name}: expected spheres of a surface of spheres, or a place along a "
+                f"tube; {surface.name} is neither"
+            )
 
 
 class Actuator(eqx.Module):
@@ -80,22 +119,16 @@ class System(eqx.Module):
     def __check_init__(self) -> None:
         bodies = [body.name for body in self.bodies]
         surfaces = {surface.name: surface for surface in self.surfaces}
-        spheres = [name for name, surface in surfaces.items() if isinstance(surface, SphereSurface)]
         check_unique("surfaces", (surface.name for surface in self.surfaces))
         check_unique("contacts", (contact.name for contact in self.contacts))
         for contact in self.contacts:
             for side in (contact.first, contact.second):
-                check_name(f"sphere surface of contact {contact.name}", side, spheres)
+                check_name(f"surface of contact {contact.name}", side, surfaces)
+            _contact_term(contact, surfaces, Tree(self.bodies))
         for sensor in self.sensors:
             if isinstance(sensor, ContactForce):
-                check_name(f"sphere surface of sensor {sensor.spec.name}", sensor.surface, spheres)
-                surface = surfaces[sensor.surface]
-                count = len(surface.spheres.frames) if isinstance(surface, SphereSurface) else 0
-                if not sensor.spheres or not all(0 <= i < count for i in sensor.spheres):
-                    raise InputError(
-                        f"sensor {sensor.spec.name}: expected spheres 0…{count - 1} of {sensor.surface}, got "
-                        f"{sensor.spheres}"
-                    )
+                check_name(f"surface of sensor {sensor.spec.name}", sensor.surface, surfaces)
+                _check_zone(sensor, surfaces[sensor.surface])
             if isinstance(sensor, JointAngle):
                 check_name(f"body of sensor {sensor.spec.name}", sensor.body, bodies)
 
@@ -105,10 +138,10 @@ class System(eqx.Module):
         return Robot(self.bodies, (*(a.term for a in self.actuators), *self.contact_terms, *self.energies))
 
     @property
-    def contact_terms(self) -> tuple[SphereContact, ...]:
+    def contact_terms(self) -> tuple[ContactTerm, ...]:
         """The energy of each contact."""
-        spheres = {s.name: s.spheres for s in self.surfaces if isinstance(s, SphereSurface)}
-        return tuple(SphereContact(spheres[c.first], spheres[c.second], c.stiffness) for c in self.contacts)
+        surfaces, tree = {surface.name: surface for surface in self.surfaces}, Tree(self.bodies)
+        return tuple(_contact_term(contact, surfaces, tree) for contact in self.contacts)
 
     @property
     def schema(self) -> Schema:

@@ -58,8 +58,9 @@ def _list(json: str | None) -> None:
     from exosight.exosuit.catalogue import PRESETS
 
     columns = (Column("name"), Column("description"))
-    table = Table("presets", "Systems of this package", columns, tuple(PRESETS.items()))
-    show_or_write([table], {"presets": PRESETS}, json)
+    presets = {name: about for name, (_, about) in PRESETS.items()}
+    table = Table("presets", "Systems of this package", columns, tuple(presets.items()))
+    show_or_write([table], {"presets": presets}, json)
     if json is None:
         say("a system of your own: exosight system new FILE.toml")
 

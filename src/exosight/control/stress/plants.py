@@ -9,7 +9,7 @@ from exosight.control.trials import CONTROL_SHAPE, STEADY_STATE_GAIN
 from exosight.control.tuning import tune
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit, varied
-from exosight.exosuit.published import NAME, PublishedDesigns, published
+from exosight.exosuit.published import NAME, Preset, PublishedDesigns
 from exosight.exosuit.variation import PlantVariation, draw_variant
 from exosight.system.camera import Camera
 from exosight.system.design import Design
@@ -76,17 +76,17 @@ def stress_plants(
     if not isinstance(designs, PublishedDesigns):
         raise InputError(f"stress: expected the published system or a system file, got {designs.name}")
     exosuit, camera = Exosuit(CONTROL_SHAPE), camera or Camera()
-    nominal = published(exosuit, camera)
+    nominal = designs.preset(exosuit, camera)
     limits = tune(nominal, sensor, channel)
-    other = _others(exosuit, camera)
+    other = _others(designs.preset, exosuit, camera)
     if limits.sensor == nominal.schema.controlled:
         return StressPlants(limits, nominal, other, PUBLISHED_TARGETS, PUBLISHED_SNAP_TARGETS)
     return StressPlants(limits, nominal, other, *_targets(limits))
 
 
-def _others(exosuit: Exosuit, camera: Camera) -> Callable[[int, int], System]:
+def _others(preset: Preset, exosuit: Exosuit, camera: Camera) -> Callable[[int, int], System]:
     def other(seed: int, number: int) -> System:
-        return published(varied(exosuit, draw_variant(PUBLISHED_VARIATION, seed, number)), camera)
+        return preset(varied(exosuit, draw_variant(PUBLISHED_VARIATION, seed, number)), camera)
 
     return other
 

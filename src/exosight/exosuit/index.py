@@ -1,0 +1,47 @@
+"""The system `index`: the published finger and exosuits, with contact of their surfaces as they are.
+
+The exosuit presses along its whole length on tapered links with round ends, and on itself; zones C0 … share
+what acts between their middles, which lie where the published spheres are.
+"""
+
+from dataclasses import replace
+
+from exosight.arrays import floats
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.published import NOMINAL_CAMERA, published
+from exosight.exosuit.shapes import TABLE_I, ExosuitShape
+from exosight.mechanics.surface_contact import line_stiffness
+from exosight.system.camera import Camera
+from exosight.system.sensors import ContactForce, PlaceZone
+from exosight.system.system import Contact, System
+
+NAME = "index"
+POISSON = 0.5
+
+
+def index(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINAL_CAMERA) -> System:
+    """The system of one exosuit, with the names of `published`.
+
+    Contact `press` is between the exosuit and the finger, `fold` between the exosuit and itself, half as
+    stiff: both sides give way. The exosuit's stiffness of contact follows from its modulus.
+    """
+    worn = exosuit if isinstance(exosuit, Exosuit) else Exosuit(exosuit)
+    spheres = published(worn, camera)
+    middles = floats(worn.finger.sphere_places())
+    sensors = tuple(
+        ContactForce(sensor.spec, "finger", PlaceZone(number, middles))
+        if isinstance(sensor, ContactForce)
+        else sensor
+        for number, sensor in enumerate(spheres.sensors)
+    )
+    stiffness = line_stiffness(worn.young, POISSON)
+    return replace(
+        spheres,
+        name=NAME,
+        surfaces=spheres.tubes,
+        contacts=(
+            Contact("press", "exosuit", "finger", floats(stiffness)),
+            Contact("fold", "exosuit", "exosuit", floats(stiffness / 2)),
+        ),
+        sensors=sensors,
+    )
