@@ -100,9 +100,11 @@ def _settle(
     descending = state.phase == DESCEND
     start = jnp.where(descending & state.descent.fresh, point.here.energy, state.start)
     far = metric.size(point.q - state.anchor.q) > SNAPPED * metric.range(point.q)
-    jumped = arrived & descending & state.snap & far
+    # Robots that have all their loads behind them go on beside the others, but nothing of it counts.
+    meant = state.load < segment.total
+    jumped = arrived & descending & state.snap & far & meant
     steps = state.steps + 1
-    done = (at_load | lost) & (state.load < segment.total)
+    done = (at_load | lost) & meant
     now = state._replace(
         steps=steps,
         start=start,
