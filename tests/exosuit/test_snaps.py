@@ -1,11 +1,16 @@
 """Thin exosuits slip from sphere to sphere: where they snap and where they land is theirs, not the step's."""
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, assemble
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.mechanics import Equilibria, Robot, Snap, locate_snaps
+from exosight.mechanics.continuation import stepper
+from exosight.mechanics.continuation_state import begin
+from exosight.mechanics.evaluator import by_xla
 from exosight.mechanics.metric import metric_of
 
 STEPS = 0.1, 0.5
@@ -59,3 +64,15 @@ def test_snaps_are_where_they_are_and_go_downhill(paths: dict) -> None:
         loads = [[s.load[0] for s in snaps if s.energy > 1e-3 * largest] for snaps in (one, other)]
         # Ends are located to 1e-7 of the pose's forces, which may be 0.1 mN of a load that does little there.
         np.testing.assert_allclose(*loads, atol=1e-4)
+
+
+def test_a_robot_without_loads_left_reports_no_snaps() -> None:
+    """It is stepped beside others, here on the way to a load that is not meant; full records of it would
+    stop them for ever."""
+    robot = assemble(Exosuit(sample_shapes(1, seed=0)[8].shape))
+    step = stepper(robot, by_xla(robot), jnp.array([[4.0]]), jnp.array(1), jnp.array(1e-10), jnp.array(5000))
+    idle = begin(np.zeros(robot.dofs), np.zeros(1), 1)._replace(load=np.array(1))
+    after = jax.jit(lambda state: jax.lax.fori_loop(0, 600, lambda _, at: step(at), state))(idle)
+    assert float(after.t) > 0.2  # it moves, and snaps on the way: seven times without the rule
+    assert int(after.snaps) == 0
+    assert int(after.load) == 1
