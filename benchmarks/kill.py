@@ -6,7 +6,6 @@ and a recording of `live` holds all that a reader found in it just before.
 """
 
 import argparse
-import contextlib
 import hashlib
 import json
 import os
@@ -22,10 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
+from exosight.app.pipeline import MODEL
 from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
 from exosight.control.recording import read_recording
 from exosight.control.replay import replay
 from exosight.dataset.generation import DESIGNS_PER_CHUNK
+from exosight.dataset.manifest import MANIFEST
 from exosight.errors import DataError
 from exosight.learning.checkpoint import CHECKPOINT_NAME, load_checkpoint
 
@@ -39,7 +40,9 @@ def start(*words: object) -> subprocess.Popen[str]:
     """A command in a process of its own, which Ctrl-C stops also where it does not stop this one."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        return subprocess.Popen([*PROGRAM, *map(str, words)], stderr=subprocess.PIPE, text=True)
+        return subprocess.Popen(
+            [*PROGRAM, *map(str, words)], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
     finally:
         signal.signal(signal.SIGINT, before)
 
@@ -78,14 +81,21 @@ def send(
 
 
 def interrupted(words: Callable[[Path], tuple], place: Path, moments: int, rng: np.random.Generator) -> dict:
-    """Ctrl-C at random moments of a command, each in a folder of its own."""
+    """Ctrl-C at random moments of a command, each in a folder of its own.
+
+    Exit code −2 is Python's own, before it has read the program: shells show 130 for it as well.
+    """
     seconds = duration(words, place)
     codes: Counter[str] = Counter()
-    times, named, tries = [], 0, 0
+    times, named, tries, late = [], 0, 0, 0
     while len(times) < moments:
         tries += 1
-        found = send(start(*words(place / f"c{tries}")), signal.SIGINT, rng.uniform(0, seconds))
+        folder = place / f"c{tries}"
+        found = send(start(*words(folder)), signal.SIGINT, rng.uniform(0, seconds))
         if found is None:
+            continue
+        if found[0] == 0 and any((folder / name).exists() for name in (MANIFEST, MODEL)):
+            late += 1  # all was written, and Python on its way out
             continue
         codes[str(found[0])] += 1
         times.append(found[1])
@@ -94,6 +104,7 @@ def interrupted(words: Callable[[Path], tuple], place: Path, moments: int, rng: 
         "moments": moments,
         "run_without_stop_s": round(seconds, 1),
         "exit_codes": dict(codes),
+        "signals_after_the_result": late,
         "named_resume": named,
         "seconds_to_stop": {"median": round(float(np.median(times)), 2), "largest": round(max(times), 2)},
     }
@@ -176,14 +187,19 @@ def recordings(place: Path, moments: int, rng: np.random.Generator) -> dict:
     """kill -9 at random moments of a recording: each step that was in the file before is in it afterwards."""
     seconds = duration(recorded, place)
     network = OnnxEstimator.load(DEFAULT_MODEL, alone=True)
-    rows, before_first, lost, unreadable, differ = [], 0, 0, 0, 0
-    for i in range(moments):
-        file = place / f"r{i}.h5"
-        process, moment = start(*recorded(file)), rng.uniform(0, seconds)
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(moment)
+    kills, rows, before_first, lost, unreadable, differ = 0, [], 0, 0, 0, 0
+    while kills < moments:
+        file = place / f"r{time.monotonic_ns()}.h5"
+        process = start(*recorded(file))
         try:
-            before = np.array([]) if not file.exists() else read_recording(file).time
+            process.communicate(timeout=rng.uniform(0, seconds))
+            continue  # the end came first
+        except subprocess.TimeoutExpired:
+            kills += 1
+        before = np.array([])
+        try:
+            if file.exists():
+                before = read_recording(file).time
             process.kill()
             process.communicate(timeout=LIMIT)
             if not file.exists():
@@ -194,6 +210,7 @@ def recordings(place: Path, moments: int, rng: np.random.Generator) -> dict:
         except DataError as error:
             print(error)
             unreadable += 1
+            process.kill()
             continue
         after = recording.time
         rows.append(len(after))
@@ -201,7 +218,7 @@ def recordings(place: Path, moments: int, rng: np.random.Generator) -> dict:
         whole = len(after) >= len(before) and np.array_equal(after[: len(before)], before)
         lost += not (whole and np.all(np.diff(after) > 0))
     return {
-        "moments": moments,
+        "moments": kills,
         "run_without_stop_s": round(seconds, 1),
         "before_the_first_second": before_first,
         "replayed": len(rows),

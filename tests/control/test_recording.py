@@ -260,6 +260,7 @@ def test_a_full_disk_is_told_of_once_and_keeps_what_was_written(tmp_path: Path) 
     *told, rows = child(FULL_DISK, tmp_path).splitlines()
     assert len(told) == 3
     assert all("run.h5: cannot be written (File too large)" in line for line in told)
+    assert ["it keeps the steps before" in line for line in told] == [False, False, True]
     assert int(rows.removeprefix("rows ")) > 50
 
 

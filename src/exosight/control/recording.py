@@ -247,7 +247,8 @@ def _told(path: Path) -> Iterator[None]:
     except DataError:
         raise
     except (OSError, RuntimeError, ValueError) as error:
-        raise write_error(path, error) from error
+        kept = "; it keeps the steps before, so name another file" if path.exists() else ""
+        raise DataError(f"{write_error(path, error)}{kept}") from error
 
 
 def read_recording(path: Path) -> Recording:
