@@ -61,7 +61,7 @@ def test_a_config_with_tuples_is_the_same_from_disk(tmp_path: Path) -> None:
 
 def test_a_manifest_is_never_overwritten(dataset: Path) -> None:
     before = (dataset / "manifest.json").read_bytes()
-    with pytest.raises(DataError, match="not overwritten"):
+    with pytest.raises(DataError, match="nothing is overwritten"):
         write_manifest(dataset, read_manifest(dataset))
     assert (dataset / "manifest.json").read_bytes() == before
 
