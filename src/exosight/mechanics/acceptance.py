@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax.scipy.linalg import cho_solve
+from jax.scipy.linalg import cho_solve, lu_factor, lu_solve
 from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
@@ -62,9 +62,9 @@ class Segment(NamedTuple):
 class Point(NamedTuple):
     """The point that the next step is taken from, and its linear algebra.
 
-    newton       −(∇²Π)⁻¹ ∇Π
+    newton       −(∂∇Π/∂q)⁻¹ ∇Π
     response     dq/du of each channel
-    stable       ∇²Π is positive definite; true without an energy
+    stable       ∇²Π is positive definite, or with friction det ∂∇Π/∂q > 0; true without an energy
     converged    the residual is within tolerance
     """
 
@@ -87,6 +87,12 @@ def linearise(
         factor = jnp.linalg.cholesky(here.hessian)
         stable = jnp.all(jnp.isfinite(factor))
         solved = -cho_solve((jnp.where(stable, factor, metric.factor), True), right)
+        if here.coupling is not None:  # the flow turns away where a real eigenvalue becomes negative
+            lu, pivots = lu_factor(here.jacobian)
+            swaps = jnp.sum(pivots != jnp.arange(len(q)))
+            negative = jnp.sum(jnp.diag(lu) < 0)
+            stable = ((swaps + negative) % 2 == 0) & jnp.all(jnp.isfinite(lu))
+            solved = jnp.where(stable, -lu_solve((lu, pivots), right), solved)
     else:  # no energy whose minimum it could be: any solution of the equations will do
         stable = jnp.array(True)
         solved = -jnp.linalg.solve(here.hessian, right)

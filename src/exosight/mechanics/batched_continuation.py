@@ -8,7 +8,7 @@ from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from threading import Lock
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -54,6 +54,7 @@ class Problems(NamedTuple):
     leaves      its arrays, each with a leading axis of robots
     q, origin   (robots, dofs), (robots, channels)   poses, and the loads there [N]
     loads       (robots, loads, channels)            [N]
+    history     (robots, ...)    what each term with a memory remembers of the start
     """
 
     structure: Hashable
@@ -61,6 +62,7 @@ class Problems(NamedTuple):
     q: Float[np.ndarray, "robots dofs"]
     origin: Float[np.ndarray, "robots channels"]
     loads: Float[np.ndarray, "robots loads channels"]
+    history: tuple[Float[np.ndarray, "robots ..."], ...]
 
 
 class Solutions(NamedTuple):
@@ -75,6 +77,7 @@ class Solutions(NamedTuple):
     tied: Bool[np.ndarray, "robots loads"]
     energy: Float[np.ndarray, "robots loads"]
     iterations: Int[np.ndarray, "robots loads"]
+    history: tuple[Float[np.ndarray, "robots loads ..."], ...]
     snaps: list[list[Snap]]
 
 
@@ -220,10 +223,12 @@ def _part(problems: Problems, number: int, first: int, room: int, found: Solutio
     total = len(loads)
     if total < room:
         loads = np.concatenate([loads, np.repeat(loads[-1:], room - total, axis=0)])
-    q, origin = problems.q[number], problems.origin[number]
+    start: tuple[Any, Any, tuple] = (problems.q, problems.origin, problems.history)
+    where: Any = number
     if first and found is not None:
-        q, origin = found.q[number, first - 1], found.load[number, first - 1]
-    return _Lane(loads, np.array(total), begin(q, origin, room))
+        start, where = (found.q, found.load, found.history), (number, first - 1)
+    q, origin, history = jax.tree.map(lambda rows: rows[where], start)
+    return _Lane(loads, np.array(total), begin(q, origin, history, room))
 
 
 def _nothing(problems: Problems) -> Solutions:
@@ -245,6 +250,7 @@ def _nothing(problems: Problems) -> Solutions:
         tied=flags(),
         energy=numbers(),
         iterations=np.zeros(shape, int),
+        history=tuple(np.zeros((*shape, *memory.shape[1:])) for memory in problems.history),
         snaps=[[] for _ in range(shape[0])],
     )
 
@@ -256,6 +262,8 @@ def _keep(
     count = part.stop - part.start
     for name in ("q", "load", "residual", "snapped", "tied", "energy", "iterations"):
         getattr(found, name)[number, part] = getattr(records, name)[lane, :count]
+    for into, remembered in zip(found.history, records.memories, strict=True):
+        into[number, part] = remembered[lane, :count]
     whitener = np.linalg.inv(np.linalg.cholesky(metric))
     whitened = whitener @ records.hessian[lane, :count] @ whitener.T
     skew = whitened - np.swapaxes(whitened, 1, 2)

@@ -30,12 +30,14 @@ class Anchor(NamedTuple):
     q, t      (dofs,), ()   it, and where on the segment of loads
     tangent   (dofs,)       dq/dt
     reach     ()            how far in t the first open pair is from closing, along the tangent
+    memories                what the terms of the robot remember there
     """
 
     q: Float[AnyArray, " dofs"]
     t: Float[AnyArray, ""]
     tangent: Float[AnyArray, " dofs"]
     reach: Float[AnyArray, ""]
+    memories: tuple[Float[AnyArray, "..."], ...]
 
 
 class Beyond(NamedTuple):
@@ -88,13 +90,13 @@ def bordered(
     s: Float[AnyArray, ""],
 ) -> Bordered:
     """∇Π = 0 and cᵀ(q − q_anchor) = s, linearised; c = M v/|v|, v the anchor's tangent."""
-    n, hessian = len(q), here.hessian
+    n, jacobian = len(q), here.jacobian
     c = metric.matrix @ (anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300))
-    top = jnp.concatenate([hessian, by_t[:, None]], axis=1)
+    top = jnp.concatenate([jacobian, by_t[:, None]], axis=1)
     bottom = jnp.concatenate([c, jnp.zeros(1)])[None]
     right = jnp.zeros((n + 1, 2)).at[:n, 0].set(-here.gradient).at[n, 0].set(s - c @ (q - anchor.q))
     # Rows and columns of very different units: the last ones are scaled to the size of the others.
-    scale = jnp.maximum(jnp.linalg.norm(by_t), 1e-300) / jnp.maximum(jnp.linalg.norm(hessian), 1e-300)
+    scale = jnp.maximum(jnp.linalg.norm(by_t), 1e-300) / jnp.maximum(jnp.linalg.norm(jacobian), 1e-300)
     matrix = jnp.concatenate([top, bottom]).at[:, n].multiply(1 / jnp.where(scale > 0, scale, 1.0))
     solved = jnp.linalg.solve(matrix, right.at[n, 1].set(1.0))
     solved = solved.at[n].multiply(1 / jnp.where(scale > 0, scale, 1.0))

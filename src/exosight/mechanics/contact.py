@@ -4,15 +4,34 @@ Penalty energy Σ ½ k max(d, 0)², d = R_a + R_b − |p_a − p_b|, over all pa
 Source: the paper's contact model (eq. 9 there).
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
-from exosight.mechanics.kinematics import Motion, spread
+from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.term import Bound, Expansion, Term, on_frames, point_stiffness, point_wrench, zero
 from exosight.mechanics.tree import Tree
+
+
+class Pressing(NamedTuple):
+    """What each point of a contact presses on.
+
+    partner   (points,)        number of the frame, among those of the contact's second side
+    place     (points, 3)      in the world [m]
+    normal    (points, 3)      unit vector, from the second side to the first, in the world
+    force     (points,)        [N]
+    rate      (points, dofs)   its derivative
+    """
+
+    partner: Float[Array, " points"]
+    place: Float[Array, "points 3"]
+    normal: Float[Array, "points 3"]
+    force: Float[AnyArray, " points"]
+    rate: Float[Array, "points dofs"]
 
 
 class Spheres(eqx.Module):
@@ -58,6 +77,34 @@ class SphereContact(Term):
         overlap, normal, _ = self.pairs(tree, position)
         push = self.stiffness * jnp.maximum(overlap, 0.0)[..., None] * normal
         return jnp.sum(push, axis=1), -jnp.sum(push, axis=0)
+
+    def point_frames(self, tree: Tree) -> np.ndarray:
+        """The frame of each pair's first sphere."""
+        return np.repeat(self.first.index(tree), len(self.second.frames))
+
+    def partner_frames(self, tree: Tree) -> np.ndarray:
+        """The frames of the second spheres."""
+        return np.array(self.second.index(tree))
+
+    def point_stiffness(self, tree: Tree) -> Float[AnyArray, " points"]:
+        """Of each pair [N/m]."""
+        return self.stiffness * np.ones(len(self.first.frames) * len(self.second.frames))
+
+    def pressing(self, tree: Tree, motion: Motion) -> Pressing:
+        """What each pair presses on."""
+        overlap, normal, distance = self.pairs(tree, motion.position)
+        a, b = self.point_frames(tree), np.tile(self.partner_frames(tree), len(self.first.frames))
+        normal, overlap = normal.reshape(-1, 3), overlap.ravel()
+        columns = [at_points(motion.jacobian[i], motion.position[i]) for i in (a, b)]
+        closing = -jnp.einsum("pi,pia->pa", normal, columns[0] - columns[1])
+        radius = jnp.tile(self.second.radius, len(self.first.frames)) - 0.5 * overlap
+        return Pressing(
+            jnp.asarray(np.tile(np.arange(len(self.second.frames)) * 1.0, len(self.first.frames))),
+            motion.position[b] + radius[:, None] * normal,
+            normal,
+            self.stiffness * jnp.maximum(overlap, 0.0),
+            jnp.where(overlap > 0, self.stiffness, 0.0)[:, None] * closing,
+        )
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
         """Fraction to slightly beyond the first contact of an open pair; the expansion there contains it."""

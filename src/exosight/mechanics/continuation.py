@@ -25,7 +25,7 @@ from exosight.mechanics.acceptance import Point, Problem, Segment, Verdict, judg
 from exosight.mechanics.branch import Anchor
 from exosight.mechanics.continuation_state import ALONG, DESCEND, SNAPS, ContinuationState, Records
 from exosight.mechanics.descent import Descent
-from exosight.mechanics.evaluator import Evaluator
+from exosight.mechanics.evaluator import Evaluator, Memories
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.next_trial import Directions, next_trial
 from exosight.mechanics.robot import Robot
@@ -49,7 +49,7 @@ def stepper(
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
         q = jnp.asarray(state.q)
-        there, pose = evaluator.evaluate(q, jnp.asarray(segment.load(state.t)))
+        there, remembered, pose = evaluator.evaluate(q, jnp.asarray(segment.load(state.t)), state.memories)
         residual = metric.force(there.gradient) / (metric.size(q) + metric.unit)
         descending = state.phase == DESCEND
         moved, accepted = descent.accept(state.descent, metric, q, there, residual, robot.conservative)
@@ -66,8 +66,15 @@ def stepper(
         taken = jnp.where(verdict.arrived, tangent, jnp.where(descending, flow, correction))
         free = evaluator.step_fraction(pose, taken)
         by_t = segment.span @ here.load_gradient
+        moved_on = verdict.arrived | (descending & accepted & ~state.descent.fresh)
+        memories = tuple(
+            jnp.where(moved_on, new, old) for new, old in zip(remembered, state.memories, strict=True)
+        )
+        state = state._replace(memories=memories)
         state = _settle(state, problem, segment, point, verdict, moved, tangent)
-        ways = Directions(correction, flow, shift, accepted, free, by_t)
+        # What is remembered changes the forces of a descent, so they are found again at the same pose.
+        again = descending & accepted & ~state.descent.fresh if remembered else jnp.array(False)
+        ways = Directions(correction, flow, shift, accepted, free, by_t, again)
         return next_trial(state, problem, point, verdict, ways)
 
     return step
@@ -98,7 +105,7 @@ def _settle(
     arrived, at_load, lost = verdict.arrived, verdict.at_load, verdict.lost
     metric = problem.metric
     descending = state.phase == DESCEND
-    start = jnp.where(descending & state.descent.fresh, point.here.energy, state.start)
+    start = jnp.where(descending & (state.tries == 0), point.here.energy, state.start)
     far = metric.size(point.q - state.anchor.q) > SNAPPED * metric.range(point.q)
     # Robots that have all their loads behind them go on beside the others, but nothing of it counts.
     meant = state.load < segment.total
@@ -127,6 +134,9 @@ def _settle(
             t=jnp.where(at_load | lost, 0.0, jnp.where(arrived, t, state.anchor.t)),
             tangent=jnp.where(arrived, tangent, state.anchor.tangent),
             reach=state.anchor.reach,
+            memories=jax.tree.map(
+                lambda new, old: jnp.where(arrived, new, old), state.memories, state.anchor.memories
+            ),
         ),
         descent=moved,
         nudge=jnp.where(small, 8 * state.nudge, jnp.where(arrived, 1.0, state.nudge)),
@@ -148,7 +158,7 @@ def _with_load(
 
     return records._replace(
         q=put(records.q, jnp.where(at_load, point.q, state.anchor.q)),
-        hessian=put(records.hessian, point.here.hessian),
+        hessian=put(records.hessian, point.here.jacobian),
         energy=put(records.energy, point.here.energy),
         residual=put(records.residual, point.residual),
         iterations=put(records.iterations, state.steps),
@@ -156,6 +166,12 @@ def _with_load(
         snapped=put(records.snapped, state.snapped),
         tied=put(records.tied, state.tied),
         load=put(records.load, reached),
+        memories=jax.tree.map(
+            lambda into, new, old: put(into, jnp.where(at_load, new, old)),
+            records.memories,
+            state.memories,
+            state.anchor.memories,
+        ),
     )
 
 

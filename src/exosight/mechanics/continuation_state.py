@@ -20,6 +20,7 @@ SNAPS = 16
 class Records(NamedTuple):
     """What was found at each load, and at each snap.
 
+    memories      what the terms of the robot remember there
     snap_step     the load on the way to which it snapped
     snap_load     the load of the snap; `before` and `after` the poses there, and the energy set free [J]
     """
@@ -33,6 +34,7 @@ class Records(NamedTuple):
     snapped: Bool[AnyArray, " loads"]
     tied: Bool[AnyArray, " loads"]
     load: Float[AnyArray, "loads channels"]
+    memories: tuple[Float[AnyArray, "loads ..."], ...]
     snap_step: Int[AnyArray, " snaps"]
     snap_load: Float[AnyArray, "snaps channels"]
     before: Float[AnyArray, "snaps dofs"]
@@ -50,6 +52,7 @@ class ContinuationState(NamedTuple):
     q, t           trial point: pose, and where on the segment
     s, growth      length along the branch that is aimed at (ALONG), and how much longer the next may be
     previous       of the Newton step before: the tangent there, and the length of its correction
+    memories       what the terms remember: from the anchor, or from the last point of a descent
     snap           the present descent is from the end of a branch, from energy `start` [J]
     nudge          how far past the end of the branch the next descent is to begin, in units of what counts
     snapped, tied  since the last load
@@ -69,6 +72,7 @@ class ContinuationState(NamedTuple):
     s: Float[AnyArray, ""]
     growth: Float[AnyArray, ""]
     previous: tuple[Float[AnyArray, " dofs"], Float[AnyArray, ""]]
+    memories: tuple[Float[AnyArray, "..."], ...]
     snap: Bool[AnyArray, ""]
     start: Float[AnyArray, ""]
     nudge: Float[AnyArray, ""]
@@ -77,12 +81,19 @@ class ContinuationState(NamedTuple):
     records: Records
 
 
-def begin(q: Float[AnyArray, " dofs"], origin: Float[AnyArray, " channels"], room: int) -> ContinuationState:
+def begin(
+    q: Float[AnyArray, " dofs"],
+    origin: Float[AnyArray, " channels"],
+    memories: tuple[Float[np.ndarray, "..."], ...],
+    room: int,
+) -> ContinuationState:
     """A robot at pose q and loads `origin` with room for so many loads; in NumPy, filled in from Python."""
     n, channels = len(q), len(origin)
     zeros: Any = np.zeros
     whole, flag, one = zeros((), int), zeros((), bool), zeros(())
-    nothing = Evaluation(one, zeros(n), zeros((n, n)), zeros(channels), zeros((channels, n)))
+    coupling = zeros((n, n)) if memories else None
+    nothing = Evaluation(one, zeros(n), zeros((n, n)), zeros(channels), zeros((channels, n)), coupling)
+    memories = tuple(np.array(memory, float) for memory in memories)
     q = zeros(n) + q
     return ContinuationState(
         load=whole,
@@ -91,7 +102,7 @@ def begin(q: Float[AnyArray, " dofs"], origin: Float[AnyArray, " channels"], roo
         phase=whole + DESCEND,
         tries=whole,
         origin=zeros(channels) + origin,
-        anchor=Anchor(q, one, zeros(n), one),
+        anchor=Anchor(q, one, zeros(n), one, memories),
         beyond=Beyond(flag, zeros(n), one, zeros(n), one, whole),
         descent=Descent(q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, ~flag),
         q=q,
@@ -99,6 +110,7 @@ def begin(q: Float[AnyArray, " dofs"], origin: Float[AnyArray, " channels"], roo
         s=one,
         growth=one + 2,
         previous=(zeros(n), one + np.inf),
+        memories=memories,
         snap=flag,
         start=one,
         nudge=one + 1,
@@ -114,6 +126,7 @@ def begin(q: Float[AnyArray, " dofs"], origin: Float[AnyArray, " channels"], roo
             snapped=zeros(room, bool),
             tied=zeros(room, bool),
             load=zeros((room, channels)),
+            memories=tuple(zeros((room, *memory.shape)) for memory in memories),
             snap_step=zeros(SNAPS, int),
             snap_load=zeros((SNAPS, channels)),
             before=zeros((SNAPS, n)),

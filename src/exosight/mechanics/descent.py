@@ -57,6 +57,8 @@ def accept(
 ) -> tuple[Descent, Bool[AnyArray, ""]]:
     """The descent at the trial point if that is lower, with its trust radius adapted; and whether it is."""
     change = there.energy - descent.here.energy
+    if there.coupling is not None:  # friction has no energy that could be compared: its work is
+        change = 0.5 * (descent.here.gradient + there.gradient) @ (trial - descent.q)
     fraction = descent.fraction
     model = fraction * descent.slope + 0.5 * fraction**2 * descent.curvature
     # Where the change of energy drowns in round-off, the residual decides; on the way from a saddle it grows.
@@ -64,6 +66,8 @@ def accept(
     hidden = (jnp.abs(model) < noise) & (change > -noise)
     ratio = change / jnp.where(jnp.abs(model) > 0, model, -1e-300)
     good = jnp.where(hidden, (residual <= descent.residual) | ~descent.convex, (change < 0) & (ratio > 0.1))
+    if there.coupling is not None:  # Newton's step need not lead downhill then
+        good = good | (residual <= 0.5 * descent.residual)
     if not conservative:
         good = residual <= (1 - 1e-4 * fraction) * descent.residual
     accepted = descent.fresh | (good & jnp.isfinite(residual))

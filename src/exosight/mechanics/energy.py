@@ -21,7 +21,8 @@ from exosight.mechanics.tree import Tree
 class Evaluation(NamedTuple):
     """The whole potential at one pose: energy [J], gradient, Hessian, and how loads change the first two.
 
-    Forces without a potential have no share in the energy, and make the Hessian unsymmetric.
+    Forces without a potential have no share in the energy, and make the Hessian unsymmetric; those of terms
+    with a memory are potential forces but for `coupling`.
     """
 
     energy: Float[Array, ""]
@@ -29,6 +30,12 @@ class Evaluation(NamedTuple):
     hessian: Float[Array, "dofs dofs"]
     load_energy: Float[Array, " loads"]
     load_gradient: Float[Array, "loads dofs"]
+    coupling: Float[Array, "dofs dofs"] | None = None
+
+    @property
+    def jacobian(self) -> Float[Array, "dofs dofs"]:
+        """∂(gradient)/∂q."""
+        return self.hessian if self.coupling is None else self.hessian + self.coupling
 
 
 def potential(
@@ -44,6 +51,8 @@ def potential(
     def evaluate(q: Float[Array, " dofs"], loads: Float[Array, " loads"]) -> tuple[Evaluation, Motion]:
         motion = walk(robot, q)
         parts = [term(q, motion, loads) for term in terms]
+        couplings = [part.coupling for part in parts if part.coupling is not None]
+        parts = [part._replace(coupling=None) for part in parts]
         whole = jax.tree.map(lambda *parts: sum(parts[1:], start=parts[0]), *parts)
         gradient, hessian = pull_back(robot, motion, whole.wrench, whole.stiffness)
         force = elastic @ q
@@ -53,6 +62,7 @@ def potential(
             hessian=elastic + whole.hessian + hessian,
             load_energy=whole.load_energy,
             load_gradient=whole.load_gradient,
+            coupling=sum(couplings[1:], start=couplings[0]) if couplings else None,
         )
         return total, motion
 

@@ -49,6 +49,7 @@ class Equilibria(eqx.Module):
                                     matter of round-off
     energy          (loads,)        Π [J]
     iterations      (loads,)        evaluations of the energy on the way from the load before
+    history         (loads, ...)    what each term with a memory remembers there, see `TermWithMemory`
     """
 
     q: Float[AnyArray, "*batch loads dofs"]
@@ -59,6 +60,7 @@ class Equilibria(eqx.Module):
     tied: Bool[AnyArray, "*batch loads"]
     energy: Float[AnyArray, "*batch loads"]
     iterations: Int[AnyArray, "*batch loads"]
+    history: tuple[Float[AnyArray, "..."], ...] = ()
 
 
 def stack(robots: Sequence[Robot]) -> Robot:

@@ -12,34 +12,50 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation, potential
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
 from exosight.scalar_program import Unrolled, Unsupported, unroll
 
 
+Memories = tuple[Float[AnyArray, "..."], ...]
+"""What the terms of a robot remember, see `Robot.memories`."""
+
+
 class Evaluator(NamedTuple):
     """The energy of one robot.
 
-    evaluate       (q, loads) -> Π with its derivatives, and what `step_fraction` needs of that pose
+    evaluate       (q, loads, memories) -> Π with its derivatives, the memories if a step ends there, and
+                   what `step_fraction` needs of that pose
     step_fraction  (that, step) -> how much of a step from there the expansion holds for
     """
 
-    evaluate: Callable[[Float[Array, " dofs"], Float[Array, " channels"]], tuple[Evaluation, Any]]
+    evaluate: Callable[
+        [Float[Array, " dofs"], Float[Array, " channels"], Memories], tuple[Evaluation, Memories, Any]
+    ]
     step_fraction: Callable[[Any, Float[Array, " dofs"]], Float[Array, ""]]
 
 
 def by_xla(robot: Robot) -> Evaluator:
     """As JAX compiles it."""
-    return Evaluator(potential(robot), lambda motion, step: _step_fraction(robot, motion, step))
+    same = potential(robot)  # what depends on the design alone is computed once
+
+    def evaluate(q: Array, loads: Array, memories: Memories) -> tuple[Evaluation, Memories, Motion]:
+        now = robot.with_memories(memories)
+        found, motion = (potential(now) if memories else same)(q, loads)
+        return found, now.remember(motion), motion
+
+    return Evaluator(evaluate, lambda motion, step: _step_fraction(robot, motion, step))
 
 
 def by_program(program: Unrolled, robot: Robot) -> Evaluator:
     """As a program of its structure."""
     _, design = program(0, None, jax.tree.leaves(robot))
 
-    def evaluate(q: Float[Array, " dofs"], loads: Float[Array, " channels"]) -> tuple[Evaluation, Any]:
-        return program(1, design, (q, loads))
+    def evaluate(q: Array, loads: Array, memories: Memories) -> tuple[Evaluation, Memories, Any]:
+        (found, remembered), pose = program(1, design, (q, loads, memories))
+        return found, remembered, pose
 
     return Evaluator(evaluate, lambda pose, step: program(2, pose, (step,))[0])
 
@@ -54,15 +70,16 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
         return None
 
     def function(
-        leaves: list[Array], at: tuple[Array, Array], step: tuple[Array]
-    ) -> tuple[tuple, Evaluation, Array]:
-        robot = jax.tree.unflatten(structure, leaves)
-        found, motion = potential(robot)(*at)
-        return (), found, _step_fraction(robot, motion, *step)
+        leaves: list[Array], at: tuple[Array, Array, Memories], step: tuple[Array]
+    ) -> tuple[tuple, tuple[Evaluation, Memories], Array]:
+        robot = jax.tree.unflatten(structure, leaves).with_memories(at[2])
+        found, motion = potential(robot)(*at[:2])
+        return (), (found, robot.remember(motion)), _step_fraction(robot, motion, *step)
 
     leaves = [np.zeros(shape) for shape in shapes]
-    dofs = jax.tree.unflatten(structure, leaves).dofs
-    arguments = [leaves, (np.zeros(dofs), np.zeros(channels)), (np.zeros(dofs),)]
+    robot = jax.tree.unflatten(structure, leaves)
+    q = np.zeros(robot.dofs)
+    arguments = [leaves, (q, np.zeros(channels), robot.memories), (q,)]
     try:
         return unroll(function, arguments)
     except Unsupported:

@@ -28,6 +28,7 @@ class Directions(NamedTuple):
     flow         the step of the descent, and 1/h of it; `accepted`: to be taken, from a point accepted
     free         how much of the direction taken from here (the tangent, if arrived) before a gap closes
     by_t         ∂∇Π/∂t
+    again        a descent is to be evaluated at the same pose again
     """
 
     correction: Float[AnyArray, " dofs"]
@@ -36,6 +37,7 @@ class Directions(NamedTuple):
     accepted: Bool[AnyArray, ""]
     free: Float[AnyArray, ""]
     by_t: Float[AnyArray, " dofs"]
+    again: Bool[AnyArray, ""]
 
 
 class Plan(NamedTuple):
@@ -107,7 +109,7 @@ def next_trial(
             anchor.q + anchor.tangent * onwards,
             jnp.where(plan.from_end, look.q, anchor.q + anchor.tangent * length),
             anchor.q + anchor.tangent * jnp.minimum(push / speed, anchor.reach),
-            jnp.where(state.phase == DESCEND, walk.q + walk.fraction * walk.step, newton),
+            jnp.where(state.phase == DESCEND, walk.q + jnp.where(walk.fresh, 0.0, walk.fraction) * walk.step, newton),
         ),
         t=choose(goal, jnp.where(plan.from_end, look.t, anchor.t + length), plan.past, bordered_t),
         s=jnp.where(plan.along, plan.s, state.s),
@@ -120,6 +122,9 @@ def next_trial(
             lambda gone, now: jnp.where(begun | (whole < 1), gone, now),
             (state.previous[0], jnp.inf),
             (verdict.tangent, metric.size(ways.correction)),
+        ),
+        memories=jax.tree.map(
+            lambda kept, now: jnp.where(begun, kept, now), anchor.memories, state.memories
         ),
         snap=jnp.where(plan.descend, ~verdict.lost, state.snap),
     )
@@ -208,6 +213,6 @@ def _walk(walk: Descent, point: Point, plan: Plan, ways: Directions, radius: Flo
         slope=walk.here.gradient @ step,
         curvature=step @ walk.here.hessian @ step,
         shift=jnp.where(ways.accepted, ways.shift, walk.shift),
-        fresh=plan.descend,
+        fresh=plan.descend | ways.again,
         radius=jnp.where(plan.descend, radius, walk.radius),
     )

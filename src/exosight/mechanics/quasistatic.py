@@ -26,12 +26,12 @@ class State(eqx.Module):
 
     q        (robots, dofs)
     loads    (robots, channels)   that they are under [N]
-    history                       what energy terms remember
+    history  (robots, ...)        what each term with a memory remembers, see `TermWithMemory`
     """
 
     q: Float[AnyArray, "robots dofs"]
     loads: Float[AnyArray, "robots channels"]
-    history: tuple = ()
+    history: tuple[Float[AnyArray, "robots ..."], ...] = ()
 
 
 Robots = Robot | Sequence[Robot]
@@ -67,7 +67,7 @@ def advance(
     if loads.ndim != 2:
         raise InputError(f"loads: expected shape (robots, channels), got {loads.shape}")
     found = _solve(batch, loads[:, None], state, options)
-    reached = State(found.q[:, 0], found.load[:, 0], state.history)
+    reached = State(found.q[:, 0], found.load[:, 0], tuple(rows[:, 0] for rows in found.history))
     return reached, jax.tree.map(lambda leaf: leaf[:, 0], _equilibria(found))
 
 
@@ -120,7 +120,8 @@ def _batched(robots: Robots) -> Robot:
 
 def _unstrained(robots: Robot, channels: int) -> State:
     count = len(jax.tree.leaves(robots)[0])
-    return State(np.zeros((count, robots.dofs)), np.zeros((count, channels)))
+    memories = tuple(np.asarray(memory) for memory in robots.memories)
+    return State(np.zeros((count, robots.dofs)), np.zeros((count, channels)), memories)
 
 
 def _solve(
@@ -152,7 +153,15 @@ def _solve(
     for name, value, shape in (("q", q, (count, robots.dofs)), ("loads", origin, (count, channels))):
         if value.shape != shape or not np.all(np.isfinite(value)):
             raise InputError(f"state.{name}: expected finite numbers of shape {shape}, got {value.shape}")
-    problems = Problems(structure, leaves, q, origin, loads)
+    expected = tuple(np.asarray(memory) for memory in robots.memories)
+    history = tuple(np.asarray(memory, dtype=float) for memory in state.history)
+    if [memory.shape for memory in history] != [memory.shape for memory in expected]:
+        raise InputError(
+            f"state.history: expected one array for each term with a memory, of shapes "
+            f"{[memory.shape for memory in expected]}, got {[memory.shape for memory in history]}; "
+            "give the history of the `State` or `Equilibria` that q comes from"
+        )
+    problems = Problems(structure, leaves, q, origin, loads, history)
     return solve(problems, options, done, kept)
 
 

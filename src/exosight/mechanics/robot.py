@@ -1,7 +1,13 @@
 """A robot: a kinematic tree, and the energy terms that act on it."""
 
+from dataclasses import replace
+
+from jaxtyping import Array, Float
+
+from exosight.arrays import AnyArray
 from exosight.errors import InputError
-from exosight.mechanics.term import Term
+from exosight.mechanics.kinematics import Motion
+from exosight.mechanics.term import Term, TermWithMemory
 from exosight.mechanics.tree import Body, Tree
 
 
@@ -30,3 +36,21 @@ class Robot(Tree):
     def loads(self) -> int:
         """Number of load channels that the terms need."""
         return max((term.loads for term in self.terms), default=0)
+
+    @property
+    def memories(self) -> tuple[Float[AnyArray, "..."], ...]:
+        """What its terms remember, one array for each that does."""
+        return tuple(term.memory for term in self.terms if isinstance(term, TermWithMemory))
+
+    def with_memories(self, memories: tuple[Float[AnyArray, "..."], ...]) -> "Robot":
+        """The same robot with other memories."""
+        given = iter(memories)
+        terms = tuple(
+            replace(term, memory=next(given)) if isinstance(term, TermWithMemory) else term
+            for term in self.terms
+        )
+        return Robot(self.bodies, terms)
+
+    def remember(self, motion: Motion) -> tuple[Float[Array, "..."], ...]:
+        """What its terms know from now on, when a step has ended at this pose."""
+        return tuple(term.remember(self, motion) for term in self.terms if isinstance(term, TermWithMemory))

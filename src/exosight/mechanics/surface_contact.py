@@ -23,7 +23,8 @@ from jaxtyping import Array, Float
 
 from exosight import lie
 from exosight.arrays import AnyArray
-from exosight.mechanics.kinematics import Motion, spread
+from exosight.mechanics.contact import Pressing
+from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.term import (
     Bound,
@@ -196,6 +197,38 @@ class SolidContact(Term):
     def pressure(self, tree: Tree, at: Contacts) -> Float[AnyArray, " points"]:
         """The force on each point, all solids together [N]."""
         return self.stiffness * self.first.lengths(tree) * jnp.maximum(at.overlap, 0.0)
+
+    def point_frames(self, tree: Tree) -> np.ndarray:
+        """The frames of the tube's points."""
+        return self.first.frames(tree)
+
+    def partner_frames(self, tree: Tree) -> np.ndarray:
+        """The frames of the solids."""
+        return self.second.index(tree)
+
+    def point_stiffness(self, tree: Tree) -> Float[AnyArray, " points"]:
+        """Of the length of tube that each point stands for [N/m]."""
+        return self.stiffness * self.first.lengths(tree)
+
+    def pressing(self, tree: Tree, motion: Motion) -> Pressing:
+        """What each point of the tube presses on: the solid that it overlaps most."""
+        at = self.contacts(tree, motion.pose)
+        first = at.touches[0]
+        place = motion.position[self.first.frames(tree)]
+        own = at_points(motion.jacobian[self.first.frames(tree)], place)
+        solids = motion.jacobian[self.second.index(tree)]
+        closing = jnp.zeros(own.shape[::2])
+        for touch, share in zip(at.touches, at.share, strict=True):
+            other = at_points(jnp.einsum("ps,sij->pij", touch.which, solids), place)
+            closing -= jnp.einsum("pi,pia->pa", share[:, None] * touch.normal, own - other)
+        touching = jnp.where(at.overlap > 0, self.point_stiffness(tree), 0.0)
+        return Pressing(
+            first.which @ np.arange(float(len(solids))),
+            place - (self.first.radius - 0.5 * at.overlap)[:, None] * first.normal,
+            first.normal,
+            self.pressure(tree, at),
+            touching[:, None] * closing,
+        )
 
     def energy(self, tree: Tree, at: Configuration, loads: Float[Array, " loads"]) -> Float[Array, ""]:
         """∫ ½ k max(d, 0)² ds."""

@@ -50,6 +50,7 @@ class Expansion(NamedTuple):
     hessian        (dofs, dofs)      by coordinates, without the part through `wrench` and `stiffness`
     load_energy    (loads,)          Λ = ∂Π/∂u [m, for a force]
     load_gradient  (loads, dofs)     ∂∇Π/∂u
+    coupling       (dofs, dofs)      what ∂(gradient)/∂q has beyond `hessian`; none for a potential
     """
 
     energy: Float[Array, ""]
@@ -59,6 +60,7 @@ class Expansion(NamedTuple):
     hessian: Float[Array, "dofs dofs"]
     load_energy: Float[Array, " loads"]
     load_gradient: Float[Array, "loads dofs"]
+    coupling: Float[Array, "dofs dofs"] | None = None
 
 
 Bound = Callable[[Float[Array, " dofs"], Motion, Float[Array, " loads"]], Expansion]
@@ -127,6 +129,22 @@ class Term(eqx.Module):
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
         """The largest fraction of `step` from `motion` within which the expansion is valid."""
         return jnp.array(jnp.inf)
+
+
+class TermWithMemory(Term):
+    """A term that remembers what happened before, such as where a contact began to slip.
+
+    Within a step of the path its energy is a function of the pose, as any other; at the end of the step
+    it remembers.
+
+    memory   what it knows from the steps before; zero for a robot at rest that has not moved yet
+    """
+
+    memory: Float[AnyArray, "..."]
+
+    def remember(self, tree: Tree, motion: Motion) -> Float[Array, "..."]:
+        """What it knows from now on, when a step has ended at this pose."""
+        raise NotImplementedError(f"{type(self).__name__} does not say what it remembers")
 
 
 def zero(tree: Tree, loads: Float[Array, " loads"]) -> Expansion:

@@ -22,6 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from exosight import lie
 from exosight.arrays import AnyArray
+from exosight.mechanics.contact import Pressing
 from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.surface_contact import NOWHERE, Tube
@@ -109,6 +110,34 @@ class TubeContact(Term):
         push = self.stiffness * self.first.lengths(tree) * jnp.maximum(at.overlap, 0.0)
         return push[:, None] * at.normal, at
 
+    def point_frames(self, tree: Tree) -> np.ndarray:
+        """The frames of the first tube's points."""
+        return self.first.frames(tree)
+
+    def partner_frames(self, tree: Tree) -> np.ndarray:
+        """The frames of the second tube's points."""
+        return self.second.frames(tree)
+
+    def point_stiffness(self, tree: Tree) -> Float[AnyArray, " points"]:
+        """Of the length of tube that each point stands for [N/m]."""
+        return self.stiffness * self.first.lengths(tree)
+
+    def pressing(self, tree: Tree, motion: Motion) -> Pressing:
+        """What each point presses on: the nearer node of the piece of the second tube."""
+        at = self.closest(tree, motion.pose)
+        own, other = (motion.jacobian[tube.frames(tree)] for tube in (self.first, self.second))
+        place = motion.position[self.first.frames(tree)]
+        moved = _moved(at, own, other, place)
+        k = self.point_stiffness(tree)
+        closing = -jnp.einsum("pi,pia->pa", at.normal, moved)
+        return Pressing(
+            at.piece + jnp.where(at.t > 0.5, 1.0, 0.0),
+            place - (self.first.radius - 0.5 * at.overlap)[:, None] * at.normal,
+            at.normal,
+            k * jnp.maximum(at.overlap, 0.0),
+            jnp.where(at.overlap > 0, k, 0.0)[:, None] * closing,
+        )
+
     def energy(self, tree: Tree, at: Configuration, loads: Float[Array, " loads"]) -> Float[Array, ""]:
         """∫ ½ k max(d, 0)² ds."""
         order = self.frames(tree)
@@ -167,13 +196,11 @@ class TubeContact(Term):
                 chosen = jnp.where(of_node, 1.0, 0.0)
                 wrench -= on_frames(chosen.T @ on_node, b, tree.frames)
                 stiffness -= on_frames(jnp.einsum("pn,pij->nij", chosen, bent), b, tree.frames)
-            of_nodes = [_row(jacobian[b], at.piece + node) for node in range(2)]
-            moved = at_points(jacobian[a], position)
+            moved = _moved(at, jacobian[a], jacobian[b], position)
             turned = jnp.zeros(moved.shape[::2])
             rates, rate_weights = _levers(at, 1)
-            for node, columns in enumerate(of_nodes):
-                moved -= weights[:, node, None, None] * columns[:, 3:]
-                moved += lie.hat(levers[:, node]) @ columns[:, :3]
+            for node in range(2):
+                columns = _row(jacobian[b], at.piece + node)
                 turned += jnp.einsum(
                     "pi,pia->pa",
                     at.normal,
@@ -304,6 +331,22 @@ def _levers(at: Closest, order: int) -> tuple[Float[Array, "points 2 3"], Float[
     functions = _hermite(at.t, order).reshape(-1, 2, 2)
     levers = functions[..., :1] * at.nodes.position + functions[..., 1:] * at.nodes.tangent
     return levers, functions[..., 0]
+
+
+def _moved(
+    at: Closest,
+    own: Float[Array, "points 6 moving"],
+    other: Float[Array, "nodes 6 moving"],
+    place: Float[Array, "points 3"],
+) -> Float[Array, "points 3 moving"]:
+    """Derivative of each point's place against the closest one at fixed t, from both tubes' Jacobians."""
+    levers, weights = _levers(at, 0)
+    moved = at_points(own, place)
+    for node in range(2):
+        columns = _row(other, at.piece + node)
+        moved -= weights[:, node, None, None] * columns[:, 3:]
+        moved += lie.hat(levers[:, node]) @ columns[:, :3]
+    return moved
 
 
 def _slide(

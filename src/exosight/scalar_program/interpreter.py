@@ -31,6 +31,9 @@ DOUBLE, POINTER = ir.DoubleType(), ir.IntType(8).as_pointer()
 
 COMPARE = {Op.LT: "<", Op.LE: "<=", Op.GT: ">", Op.GE: ">=", Op.EQ: "==", Op.NE: "!="}
 
+INTRINSIC = {Op.ABS: "fabs", Op.SQRT: "sqrt", Op.TRUNC: "trunc"}
+"""Functions that LLVM has for vectors, by their names there."""
+
 TARGETS = {16: "exosight_scalar_program_16", 32: "exosight_scalar_program_32"}
 """Names under which XLA knows the interpreter, by the bits of a word of code."""
 
@@ -191,7 +194,7 @@ def _arity(op: Op) -> int:
     if op in (Op.SELECT, Op.MULTIPLY_ADD, Op.NEGATIVE_MULTIPLY_ADD):
         return 3
     one = op in LIBRARY and op not in (Op.POW, Op.ATAN2)
-    return 1 if one or op in (Op.NEG, Op.NOT, Op.ABS, Op.SQRT) else 2
+    return 1 if one or op in (Op.NEG, Op.NOT, *INTRINSIC) else 2
 
 
 def _multiply_add(b: Builder, x: Value, y: Value, z: Value) -> Value:
@@ -224,8 +227,8 @@ def _result(b: Builder, op: Op, x: list[Value]) -> Value:
         return _multiply_add(b, *x)
     if op == Op.NEGATIVE_MULTIPLY_ADD:
         return _multiply_add(b, b.fneg(x[0]), x[1], x[2])
-    if op in (Op.ABS, Op.SQRT):
-        return _call(b, f"llvm.{'fabs' if op == Op.ABS else 'sqrt'}.v{lanes}f64", x)
+    if op in INTRINSIC:
+        return _call(b, f"llvm.{INTRINSIC[op]}.v{lanes}f64", x)
     result = ir.Constant(vector, ir.Undefined)
     for lane in range(lanes):  # the C library has no vectors
         value = _call(b, LIBRARY[op], [b.extract_element(part, WORD(lane)) for part in x])

@@ -47,6 +47,7 @@ class Op(IntEnum):
     ATAN2 = 36
     CBRT = 37
     LOOKUP = 38
+    TRUNC = 39
     CONSTANT = -1
     INPUT = -2
 
@@ -86,6 +87,7 @@ FOLD = {
     Op.NOT: np.logical_not,
     Op.ABS: np.abs,
     Op.SQRT: np.sqrt,
+    Op.TRUNC: np.trunc,
     Op.SIN: np.sin,
     Op.COS: np.cos,
     Op.TAN: np.tan,

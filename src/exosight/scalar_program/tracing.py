@@ -162,10 +162,10 @@ def _clamp(graph: Graph, equation: Any, low: Values, x: Values, high: Values) ->
 
 def _convert(graph: Graph, equation: Any, x: Values) -> Values:
     before, after = equation.invars[0].aval.dtype, equation.outvars[0].aval.dtype
-    if before.kind == "f" and after.kind != "f":
-        if not all(v in graph.known for v in x.ravel().tolist()):
-            raise Unsupported(f"conversion of numbers to {after}")
-        return _lift(graph, np.array([graph.known[v] for v in x.ravel().tolist()]).astype(after))
+    if before.kind == "f" and after.kind in "iu":
+        return _each(lambda a: graph.apply(Op.TRUNC, a), x)
+    if before.kind == "f" and after.kind == "b":
+        return _each(lambda a: graph.apply(Op.NE, a, graph.constant(0.0)), x)
     return x
 
 

@@ -1,0 +1,229 @@
+"""Coulomb friction of contacts, with stick and slip, and memory of where each point last stuck.
+
+Each point of a contact that is pressed with a force N holds on to the place it touched, by a tangential
+spring of stiffness k: the silicone and the skin around it shear. With the displacement v of the point along
+the surface since it was free of force, the friction force is
+
+    f = k v               while k |v| ≤ μ N (stick)
+    f = μ N v/|v|         beyond (slip)
+
+which is the gradient of Huber's function of v for the present normal force N: the dissipation potential of
+an implicit step. At the end of the step the place moves on, so that the spring holds f. Rolling carries the
+place along. Friction has no potential in N: ∂f/∂N stands in `Expansion.coupling`.
+
+v is that of a material point of the first body in a frame of the second one, projected on the tangent plane
+of the beginning of the step. Source of the return to μ N: Wriggers, Computational Contact Mechanics (2006),
+section 5.2.
+"""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from exosight import lie
+from exosight.arrays import AnyArray
+from exosight.errors import InputError
+from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.kinematics import Motion, at_points
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.term import (
+    Bound,
+    Expansion,
+    TermWithMemory,
+    on_frames,
+    point_stiffness,
+    point_wrench,
+    zero,
+)
+from exosight.mechanics.tree import Tree
+from exosight.mechanics.tube_contact import TubeContact
+
+SHEAR = 2 / 3
+"""Tangential stiffness of a contact relative to its normal one: 2 (1 − ν)/(2 − ν) of two spheres, for ν = ½.
+Source: K. L. Johnson, Contact Mechanics (1985), section 7.3, after Mindlin."""
+
+SIZE = 12
+"""Numbers that are remembered of each point."""
+
+
+class Held(NamedTuple):
+    """What friction remembers of each point of a contact.
+
+    lever        (points, 3)   the material point, in its own frame [m]
+    anchor       (points, 3)   where it would be free of force, in the partner's frame [m]
+    normal       (points, 3)   unit vector, in the partner's frame
+    bound        (points,)     μ N [N]
+    partner      (points,)     number of the frame it touches, among those of the second side
+    dissipated   (points,)     work lost to friction so far [J]
+    """
+
+    lever: Float[AnyArray, "points 3"]
+    anchor: Float[AnyArray, "points 3"]
+    normal: Float[AnyArray, "points 3"]
+    bound: Float[AnyArray, " points"]
+    partner: Float[AnyArray, " points"]
+    dissipated: Float[AnyArray, " points"]
+
+    @staticmethod
+    def of(memory: Float[AnyArray, f"points {SIZE}"]) -> "Held":
+        """From the columns of an array."""
+        return Held(*(memory[:, 3 * i : 3 * i + 3] for i in range(3)), *(memory[:, i] for i in (9, 10, 11)))
+
+    def array(self) -> Float[Array, f"points {SIZE}"]:
+        """As the columns of an array."""
+        scalars = jnp.stack([self.bound, self.partner, self.dissipated], axis=1)
+        return jnp.concatenate([self.lever, self.anchor, self.normal, scalars], axis=1)
+
+
+class Slip(NamedTuple):
+    """The friction of each point at one pose.
+
+    place        (points, 3)   of the material point, in the world [m]
+    stretch      (points, 3)   v, in the world [m]
+    length       (points,)     |v| [m]
+    held         (points,)     the part of v that the spring holds, 1 where it sticks
+    """
+
+    place: Float[Array, "points 3"]
+    stretch: Float[Array, "points 3"]
+    length: Float[Array, " points"]
+    held: Float[Array, " points"]
+
+
+class Friction(TermWithMemory):
+    """Friction of a contact.
+
+    contact       whose normal forces it follows
+    coefficient   ()            μ
+    memory        (points, 12)  see `Held`
+
+    Raises InputError for a coefficient below 0.
+    """
+
+    contact: SphereContact | SolidContact | TubeContact
+    coefficient: Float[AnyArray, ""]
+
+    def slip(self, tree: Tree, motion: Motion, push: Float[AnyArray, " points"]) -> Slip:
+        """How far each point has been displaced since it was free of force."""
+        held = Held.of(self.memory)
+        own = motion.pose[self.contact.point_frames(tree)]
+        other = _rows(motion.pose[self.contact.partner_frames(tree)], held.partner)
+        place = own[:, :3, 3] + _turned(own, held.lever)
+        away = _turned_back(other, place - other[:, :3, 3]) - held.anchor
+        along = away - jnp.sum(away * held.normal, axis=1, keepdims=True) * held.normal
+        length = jnp.sqrt(jnp.sum(along**2, axis=1) + 1e-40)
+        whole, most = self.stiffness(tree) * length, self.coefficient * push
+        # A point that slipped at the end of the last step is taken to go on.
+        slips = whole >= (1 - 1e-9) * most
+        held = jnp.where(slips, jnp.minimum(1 - 1e-15, most / jnp.where(whole > 0, whole, 1.0)), 1.0)
+        return Slip(place, _turned(other, along), length, held)
+
+    def stiffness(self, tree: Tree) -> Float[AnyArray, " points"]:
+        """k of each point [N/m]."""
+        return SHEAR * self.contact.point_stiffness(tree)
+
+    def forces(self, tree: Tree, motion: Motion) -> Float[Array, "points 3"]:
+        """The friction force on each point of the contact's first side, in the world [N]."""
+        slip = self.slip(tree, motion, self.contact.pressing(tree, motion).force)
+        return -(self.stiffness(tree) * slip.held)[:, None] * slip.stretch
+
+    def remember(self, tree: Tree, motion: Motion) -> Float[Array, f"points {SIZE}"]:
+        """The place that each point touches now, with the force that it is held by."""
+        held, now = Held.of(self.memory), self.contact.pressing(tree, motion)
+        own = motion.pose[self.contact.point_frames(tree)]
+        other = _rows(motion.pose[self.contact.partner_frames(tree)], now.partner)
+        slip, k = self.slip(tree, motion, now.force), self.stiffness(tree)
+        same = held.partner == now.partner
+        kept = jnp.where(same[:, None], slip.held[:, None] * slip.stretch, 0.0)
+        kept = kept - jnp.sum(kept * now.normal, axis=1, keepdims=True) * now.normal
+        bound = self.coefficient * now.force
+        slid = slip.length * (1 - slip.held)
+        lost = 0.5 * k * ((slip.held * slip.length) ** 2 - jnp.sum(kept**2, axis=1))
+        return Held(
+            lever=_turned_back(own, now.place - own[:, :3, 3]),
+            anchor=_turned_back(other, now.place - kept - other[:, :3, 3]),
+            normal=_turned_back(other, now.normal),
+            bound=bound,
+            partner=now.partner,
+            dissipated=held.dissipated + 0.5 * (held.bound + bound) * slid + lost,
+        ).array()
+
+    def bind(self, tree: Tree) -> Bound:
+        """As in contact with solids, the energy of a step depends on each point's motion against its partner.
+
+        `energy` is what the springs hold.
+        """
+        a, b = self.contact.point_frames(tree), self.contact.partner_frames(tree)
+        k = self.stiffness(tree)
+
+        def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
+            now, held = self.contact.pressing(tree, motion), Held.of(self.memory)
+            slip = self.slip(tree, motion, now.force)
+            pull = k * slip.held
+            force = pull[:, None] * slip.stretch
+            normal = _turned(_rows(motion.pose[b], held.partner), held.normal)
+            direction = slip.stretch / slip.length[:, None]
+            # Stuck, the spring's; slipping, a force of given size only turns.
+            slips = jnp.where(slip.held < 1, 1.0, 0.0)
+            bend = jnp.eye(3) - _square(normal) - slips[:, None, None] * _square(direction)
+            own = point_stiffness(slip.place, force, pull[:, None, None] * bend)
+            wrench = point_wrench(slip.place, force)
+            chosen = jnp.where(held.partner[:, None] == np.arange(len(b)), 1.0, 0.0)
+            jacobian_a, jacobian_b = motion.jacobian[a], _rows(motion.jacobian[b], held.partner)
+            coupled = (own + 0.5 * lie.coad(wrench)) @ jacobian_b
+            block = -jnp.einsum("pia,pib->ab", jacobian_a, coupled)
+            relative = at_points(jacobian_a, slip.place) - at_points(jacobian_b, slip.place)
+            slide = jnp.einsum("pi,pia->pa", slips[:, None] * self.coefficient * direction, relative)
+            on_b = jnp.einsum("pn,pij->nij", chosen, own)
+            return zero(tree, loads)._replace(
+                energy=0.5 * jnp.sum(k * (slip.held * slip.length) ** 2),
+                wrench=_summed(wrench, a, tree.frames) - _summed(chosen.T @ wrench, b, tree.frames),
+                stiffness=_summed(own, a, tree.frames) + _summed(on_b, b, tree.frames),
+                hessian=block + block.T,
+                coupling=slide.T @ now.rate,
+            )
+
+        return expand
+
+
+def friction(contact: SphereContact | SolidContact | TubeContact, coefficient: float, tree: Tree) -> Friction:
+    """Friction with nothing to remember yet.
+
+    coefficient   μ [-]
+
+    Raises InputError for a coefficient that is negative or not finite.
+    """
+    if not 0 <= coefficient < np.inf:
+        raise InputError(f"friction coefficient: expected a finite number of at least 0, got {coefficient}")
+    count = len(contact.point_frames(tree))
+    return Friction(np.zeros((count, SIZE)), contact, np.asarray(coefficient, float))
+
+
+def _turned(pose: Float[Array, "points 4 4"], vector: Float[AnyArray, "points 3"]) -> Float[Array, "points 3"]:
+    return jnp.einsum("pij,pj->pi", pose[:, :3, :3], vector)
+
+
+def _turned_back(
+    pose: Float[Array, "points 4 4"], vector: Float[AnyArray, "points 3"]
+) -> Float[Array, "points 3"]:
+    return jnp.einsum("pji,pj->pi", pose[:, :3, :3], vector)
+
+
+def _square(x: Float[Array, "points n"]) -> Float[Array, "points n n"]:
+    return x[:, :, None] * x[:, None, :]
+
+
+def _rows(table: Float[Array, "frames ..."], number: Float[AnyArray, " points"]) -> Float[Array, "points ..."]:
+    """The rows with these numbers, which lie inside."""
+    return table.at[jnp.asarray(number).astype(int)].get(mode="promise_in_bounds")
+
+
+def _summed(values: Float[Array, "some ..."], frames: np.ndarray, count: int) -> Float[Array, "count ..."]:
+    """Values of some frames as sums over all frames; unlike in `on_frames`, a frame may be there twice."""
+    different = np.unique(frames)
+    if len(different) < len(frames):
+        values = jnp.einsum("df,f...->d...", (different[:, None] == frames).astype(float), values)
+        frames = different
+    return on_frames(values, frames, count)
