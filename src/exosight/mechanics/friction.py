@@ -55,7 +55,7 @@ class Held(NamedTuple):
     anchor       (points, 3)   where it would be free of force, in the partner's frame [m]
     normal       (points, 3)   unit vector, in the partner's frame
     bound        (points,)     μ N [N]
-    partner      (points,)     number of the frame it touches, among those of the second side
+    partner      (points,)     number of the frame it touches, among those of the second side; −1: not known yet
     dissipated   (points,)     work lost to friction so far [J]
     """
 
@@ -109,10 +109,12 @@ class Friction(TermWithMemory):
         """How far each point has been displaced since it was free of force."""
         held = Held.of(self.memory)
         own = motion.pose[self.contact.point_frames(tree)]
-        other = _rows(motion.pose[self.contact.partner_frames(tree)], held.partner)
+        known = held.partner >= 0
+        other = _rows(motion.pose[self.contact.partner_frames(tree)], jnp.where(known, held.partner, 0.0))
         place = own[:, :3, 3] + _turned(own, held.lever)
         away = _turned_back(other, place - other[:, :3, 3]) - held.anchor
         along = away - jnp.sum(away * held.normal, axis=1, keepdims=True) * held.normal
+        along = jnp.where(known[:, None], along, 0.0)
         length = jnp.sqrt(jnp.sum(along**2, axis=1) + 1e-40)
         whole, most = self.stiffness(tree) * length, self.coefficient * push
         # A point that slipped at the end of the last step is taken to go on.
@@ -161,17 +163,18 @@ class Friction(TermWithMemory):
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
             now, held = self.contact.pressing(tree, motion), Held.of(self.memory)
             slip = self.slip(tree, motion, now.force)
-            pull = k * slip.held
+            pull = jnp.where(held.partner >= 0, k * slip.held, 0.0)
             force = pull[:, None] * slip.stretch
-            normal = _turned(_rows(motion.pose[b], held.partner), held.normal)
+            partner = jnp.maximum(held.partner, 0.0)
+            normal = _turned(_rows(motion.pose[b], partner), held.normal)
             direction = slip.stretch / slip.length[:, None]
             # Stuck, the spring's; slipping, a force of given size only turns.
             slips = jnp.where(slip.held < 1, 1.0, 0.0)
             bend = jnp.eye(3) - _square(normal) - slips[:, None, None] * _square(direction)
             own = point_stiffness(slip.place, force, pull[:, None, None] * bend)
             wrench = point_wrench(slip.place, force)
-            chosen = jnp.where(held.partner[:, None] == np.arange(len(b)), 1.0, 0.0)
-            jacobian_a, jacobian_b = motion.jacobian[a], _rows(motion.jacobian[b], held.partner)
+            chosen = jnp.where(partner[:, None] == np.arange(len(b)), 1.0, 0.0)
+            jacobian_a, jacobian_b = motion.jacobian[a], _rows(motion.jacobian[b], partner)
             coupled = (own + 0.5 * lie.coad(wrench)) @ jacobian_b
             block = -jnp.einsum("pia,pib->ab", jacobian_a, coupled)
             relative = at_points(jacobian_a, slip.place) - at_points(jacobian_b, slip.place)
@@ -197,8 +200,9 @@ def friction(contact: SphereContact | SolidContact | TubeContact, coefficient: f
     """
     if not 0 <= coefficient < np.inf:
         raise InputError(f"friction coefficient: expected a finite number of at least 0, got {coefficient}")
-    count = len(contact.point_frames(tree))
-    return Friction(np.zeros((count, SIZE)), contact, np.asarray(coefficient, float))
+    memory = np.zeros((len(contact.point_frames(tree)), SIZE))
+    memory[:, -2] = -1.0
+    return Friction(memory, contact, np.asarray(coefficient, float))
 
 
 def _turned(pose: Float[Array, "points 4 4"], vector: Float[AnyArray, "points 3"]) -> Float[Array, "points 3"]:

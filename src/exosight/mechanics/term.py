@@ -137,7 +137,7 @@ class TermWithMemory(Term):
     Within a step of the path its energy is a function of the pose, as any other; at the end of the step
     it remembers.
 
-    memory   what it knows from the steps before; zero for a robot at rest that has not moved yet
+    memory   what it knows from the steps before, or at first
     """
 
     memory: Float[AnyArray, "..."]
