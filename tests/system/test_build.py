@@ -151,3 +151,59 @@ def test_turns_wind_a_line_once_around(system: Make) -> None:
     assert isinstance(rod, Rod)
     angle = np.unwrap(np.arctan2(offset[:, 2], offset[:, 1]))
     np.testing.assert_allclose(angle, 2 * np.pi * rod.quadrature.points, atol=1e-12)
+
+
+FLOOR_AND_DRUM = """
+[links.drum]
+length = "30 mm"
+radius = ["6 mm", "6 mm"]
+position = ["70 mm", "-15 mm", "-8 mm"]
+rotation = ["0 deg", "0 deg", "90 deg"]
+
+[surfaces.roll]
+type = "tube"
+bodies = ["drum"]
+
+[surfaces.floor]
+type = "plane"
+position = ["0 mm", "0 mm", "-26 mm"]
+
+[contacts.stand]
+first = "floor"
+second = "skin"
+stiffness = "20 kN/m"
+
+[contacts.knock]
+first = "roll"
+second = "skin"
+stiffness = "20 kN/m"
+
+[contacts.wrap]
+first = "roll"
+second = "soft_points"
+
+[sensors.floor]
+type = "contact_force"
+surface = "floor"
+
+[sensors.sum]"""
+
+
+def test_planes_and_drums_of_a_file(system: Make, tubes: list) -> None:
+    """A finger on a floor, which its end sinks into by 1 mm; a drum is a link that is fixed in the world."""
+    hand = system(*tubes, ("[sensors.sum]", FLOOR_AND_DRUM))
+    kinds = [type(term).__name__ for term in hand.contact_terms]
+    assert kinds == ["SolidContact", "RigidContact", "RigidContact", "SolidContact"]
+    q = np.zeros(hand.robot.dofs)
+    q[hand.robot.dof_slice("base")] = q[hand.robot.dof_slice("tip")] = angle = 0.219
+    depth = 0.04 * np.sin(angle) + 0.03 * np.sin(2 * angle) + 0.006 - 0.026
+    at = observe_state(hand, jnp.asarray(q))
+    floor = [sensor.spec.name for sensor in hand.sensors].index("floor")
+    assert 0.0009 < depth < 0.0011
+    assert float(at.readings[floor]) == pytest.approx(20e3 * depth)
+    on = contact_forces(hand, hand.robot, walk(hand.robot, jnp.asarray(q)))
+    np.testing.assert_allclose(np.asarray(on["floor"].force).sum(axis=0), [0, 0, -20e3 * depth], atol=1e-9)
+    # The drum's axis, 8 mm below the finger's base, is within the finger's reach: both push on the finger.
+    assert np.linalg.norm(np.asarray(on["roll"].force).sum(axis=0)) > 1
+    total = sum(np.asarray(each.force).sum(axis=0) for each in on.values())
+    np.testing.assert_allclose(total, 0, atol=1e-9)
