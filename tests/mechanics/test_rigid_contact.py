@@ -10,7 +10,7 @@ import pytest
 from scipy.optimize import minimize
 
 from exosight import lie
-from exosight.mechanics import Link, Revolute, Robot
+from exosight.mechanics import Gravity, Link, Prismatic, Revolute, Robot, drive, walk
 from exosight.mechanics.cones import Cones, closest_pair
 from exosight.mechanics.evaluator import program_of
 from exosight.mechanics.rigid_contact import RigidContact
@@ -108,3 +108,30 @@ def test_programs_evaluate_contact_of_links() -> None:
     robot = links(0.3)
     shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(robot))
     assert program_of(jax.tree.structure(robot), shapes, 0) is not None
+
+
+@pytest.mark.parametrize("below", ["plane", "bar"])
+def test_a_link_lies_still_on_what_is_below(below: str) -> None:
+    """On a plane both ends carry their share of the weight; a parallel bar is pressed right below it."""
+    weight, site = 0.4, jnp.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])
+    height = lie.translation(jnp.array([0.0, 0.0, 0.005]))
+    lift = Link("lift", 0.0, site[:1], joint=Prismatic((0.0, 0.0, 1.0)), mount=height)
+    mass = np.array([0.0, weight / 9.81])
+    block = Link("block", 0.04, site, parent="lift", joint=Revolute((0.0, 1.0, 0.0)), mass=mass)
+    bar = Link("bar", 0.04, site[:1], mount=lie.translation(jnp.array([0.0, 0.0, -0.006])))
+    ground = (
+        Plane(None, jnp.zeros(3), jnp.array([0.0, 0.0, 1.0]))
+        if below == "plane"
+        else Solids((("bar", 0),), jnp.array([0.04]), jnp.full((1, 2), 0.006))
+    )
+    solid = Solids((("block", 0),), jnp.array([0.04]), jnp.full((1, 2), 0.005))
+    contact = RigidContact(solid, ground, jnp.array(STIFFNESS))
+    robot = Robot((lift, block, bar), (contact, Gravity(jnp.array([0.0, 0.0, -9.81]))))
+    found = drive([robot], np.zeros((1, 0)))
+    assert found.converged.all()
+    force, at = contact.forces(robot, walk(robot, jnp.asarray(found.q[0, 0])).pose)
+    # Angles of some 1e-4 turn forces and levers by that, squared.
+    expected = [0.75 * weight, 0.25 * weight] if below == "plane" else [weight]
+    np.testing.assert_allclose(force[:, 2], expected, rtol=1e-6)
+    if below == "bar":
+        assert float(at.place[0, 0]) == pytest.approx(0.01, rel=1e-6)

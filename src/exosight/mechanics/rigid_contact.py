@@ -88,7 +88,7 @@ class RigidContact(Term):
         on_first, on_second = self._sides(tree, at)
         relative = on_first @ twist[self.first.index(tree)] - on_second @ twist[self.second.index(tree)]
         closing = -dot(at.normal, relative[:, 3:] + jnp.cross(relative[:, :3], at.centre[:, 0]))
-        ahead = (at.overlap < 0) & (closing > 0)
+        ahead = (at.overlap <= 0) & (closing > 0)  # links often just touch at first
         fraction = (0.003 * at.distance - at.overlap) / jnp.where(ahead, closing, 1.0)
         return jnp.min(jnp.where(ahead, fraction, jnp.inf))
 
