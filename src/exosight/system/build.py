@@ -16,7 +16,7 @@ from exosight.system.description import JOINT_COORDINATES, Description, SensorTa
 from exosight.system.faults import at_place
 from exosight.system.schema import SensorSpec
 from exosight.system.sensors import ContactForce, JointAngle, NetForce, PlaceZone, Sensor, SphereZone
-from exosight.system.surfaces import SphereSurface, Surface, TubeSurface
+from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface, TubeSurface
 from exosight.system.system import Contact, System
 from exosight.validation import check_name
 
@@ -61,29 +61,31 @@ def _contact(description: Description, name: str, surfaces: Mapping[str, Surface
     for side, surface in (("first", table.first), ("second", table.second)):
         check_name(f"contacts.{name}.{side}", surface, surfaces)
     first, second = surfaces[table.first], surfaces[table.second]
+    spheres = isinstance(first, SphereSurface)
+    if spheres != isinstance(second, SphereSurface):
+        raise InputError(f"contacts.{name}: expected both surfaces of spheres or none, got one")
+    soft: list[float] = []
+    if not spheres:
+        first, second = sorted((first, second), key=lambda side: _rank(side, description))
+        bodies = [*first.bodies[:1], *second.bodies[:1]]
+        rods = [description.rods[body] for body in bodies if body in description.rods]
+        soft = [line_stiffness(rod.young, rod.poisson) for rod in rods]
     both = set(first.bodies) & set(second.bodies)
-    if isinstance(first, SphereSurface) and isinstance(second, SphereSurface):
-        if both:
-            raise InputError(
-                f"contacts.{name}: both surfaces are on {min(both)}; spheres of a body cannot press on it"
-            )
-        if table.stiffness is None or table.line_stiffness is not None:
-            raise InputError(f"contacts.{name}: expected stiffness, not line_stiffness, between spheres")
-        return Contact(name, table.first, table.second, floats(table.stiffness))
-    if table.stiffness is not None:
-        raise InputError(f"contacts.{name}: expected line_stiffness, not stiffness, between tubes")
-    if first.bodies[0] not in description.rods:
-        first, second = second, first
-    if both and (first.name != second.name or first.bodies[0] not in description.rods):
-        raise InputError(f"contacts.{name}: both surfaces are on {min(both)}, which is no rod on its own")
-    rods = [
-        description.rods[surface.bodies[0]]
-        for surface in (first, second)
-        if surface.bodies[0] in description.rods
-    ]
-    soft = [line_stiffness(rod.young, rod.poisson) for rod in rods]
-    stiffness = table.line_stiffness or 1 / sum(1 / each for each in soft) if soft else 0.0
+    if both and not (soft and first.name == second.name):
+        raise InputError(
+            f"contacts.{name}: both surfaces are on {min(both)}; only the tube of a rod can press on itself"
+        )
+    right, wrong = ("line_stiffness", "stiffness") if soft else ("stiffness", "line_stiffness")
+    if getattr(table, wrong) is not None or not (soft or table.stiffness):
+        of = "a rod" if soft else "spheres" if spheres else "links"
+        raise InputError(f"contacts.{name}: expected {right}, not {wrong}, for contact of {of}")
+    stiffness = table.stiffness or table.line_stiffness or 1 / sum(1 / each for each in soft)
     return Contact(name, first.name, second.name, floats(stiffness))
+
+
+def _rank(side: Surface, description: Description) -> int:
+    """Rods' tubes before links' and these before planes, as contacts take them."""
+    return 2 if isinstance(side, PlaneSurface) else int(description.rods.keys().isdisjoint(side.bodies))
 
 
 def _sensor(
@@ -106,6 +108,12 @@ def _sensor(
         raise InputError(f"surface: nothing presses on {surface}; name it in a contact")
     spec = SensorSpec(name, "contact force", "N", estimated=table.estimated, limit=table.limit)
     found = surfaces[surface]
+    if isinstance(found, PlaneSurface):
+        if table.at is not None or table.spheres is not None or table.body is not None:
+            raise InputError(f"expected no part of {surface}, which is a plane and one zone")
+        return ContactForce(spec, surface, PlaceZone(0, floats([0.0])))
+    if table.at is None and table.spheres is None and table.body is None:
+        raise InputError("expected the zone as one of spheres, body and at, got none")
     if isinstance(found, SphereSurface):
         return ContactForce(spec, surface, SphereZone(_zone(table, surface, found)))
     return ContactForce(spec, surface, _place(description, name, table, found))
