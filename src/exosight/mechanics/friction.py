@@ -27,6 +27,7 @@ from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.kinematics import Motion, at_points
+from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.surface_contact import SolidContact
 from exosight.mechanics.term import (
     Bound,
@@ -46,6 +47,10 @@ Source: K. L. Johnson, Contact Mechanics (1985), section 7.3, after Mindlin."""
 
 SIZE = 12
 """Numbers that are remembered of each point."""
+
+
+WithPoints = SphereContact | SolidContact | TubeContact | RigidContact
+"""Contacts that tell what each of their points presses on (`Pressing`)."""
 
 
 class Held(NamedTuple):
@@ -102,19 +107,18 @@ class Friction(TermWithMemory):
     Raises InputError for a coefficient below 0.
     """
 
-    contact: SphereContact | SolidContact | TubeContact
+    contact: WithPoints
     coefficient: Float[AnyArray, ""]
 
     def slip(self, tree: Tree, motion: Motion, push: Float[AnyArray, " points"]) -> Slip:
         """How far each point has been displaced since it was free of force."""
         held = Held.of(self.memory)
         own = motion.pose[self.contact.point_frames(tree)]
-        known = held.partner >= 0
-        other = _rows(motion.pose[self.contact.partner_frames(tree)], jnp.where(known, held.partner, 0.0))
+        other = self._partner(tree, motion.pose, held.partner, jnp.eye(4))
         place = own[:, :3, 3] + _turned(own, held.lever)
         away = _turned_back(other, place - other[:, :3, 3]) - held.anchor
         along = away - jnp.sum(away * held.normal, axis=1, keepdims=True) * held.normal
-        along = jnp.where(known[:, None], along, 0.0)
+        along = jnp.where((held.partner >= 0)[:, None], along, 0.0)
         length = jnp.sqrt(jnp.sum(along**2, axis=1) + 1e-40)
         whole, most = self.stiffness(tree) * length, self.coefficient * push
         # A point that slipped at the end of the last step is taken to go on.
@@ -135,7 +139,7 @@ class Friction(TermWithMemory):
         """The place that each point touches now, with the force that it is held by."""
         held, now = Held.of(self.memory), self.contact.pressing(tree, motion)
         own = motion.pose[self.contact.point_frames(tree)]
-        other = _rows(motion.pose[self.contact.partner_frames(tree)], now.partner)
+        other = self._partner(tree, motion.pose, now.partner, jnp.eye(4))
         slip, k = self.slip(tree, motion, now.force), self.stiffness(tree)
         same = held.partner == now.partner
         kept = jnp.where(same[:, None], slip.held[:, None] * slip.stretch, 0.0)
@@ -165,16 +169,17 @@ class Friction(TermWithMemory):
             slip = self.slip(tree, motion, now.force)
             pull = jnp.where(held.partner >= 0, k * slip.held, 0.0)
             force = pull[:, None] * slip.stretch
-            partner = jnp.maximum(held.partner, 0.0)
-            normal = _turned(_rows(motion.pose[b], partner), held.normal)
+            normal = _turned(self._partner(tree, motion.pose, held.partner, jnp.eye(4)), held.normal)
             direction = slip.stretch / slip.length[:, None]
             # Stuck, the spring's; slipping, a force of given size only turns.
             slips = jnp.where(slip.held < 1, 1.0, 0.0)
             bend = jnp.eye(3) - _square(normal) - slips[:, None, None] * _square(direction)
             own = point_stiffness(slip.place, force, pull[:, None, None] * bend)
             wrench = point_wrench(slip.place, force)
-            chosen = jnp.where(partner[:, None] == np.arange(len(b)), 1.0, 0.0)
-            jacobian_a, jacobian_b = motion.jacobian[a], _rows(motion.jacobian[b], partner)
+            chosen = jnp.where(held.partner[:, None] == np.arange(len(b)), 1.0, 0.0)
+            jacobian_a = motion.jacobian[a]
+            still = jnp.zeros(jacobian_a.shape[1:])
+            jacobian_b = self._partner(tree, motion.jacobian, held.partner, still)
             coupled = (own + 0.5 * lie.coad(wrench)) @ jacobian_b
             block = -jnp.einsum("pia,pib->ab", jacobian_a, coupled)
             relative = at_points(jacobian_a, slip.place) - at_points(jacobian_b, slip.place)
@@ -190,8 +195,19 @@ class Friction(TermWithMemory):
 
         return expand
 
+    def _partner(
+        self,
+        tree: Tree,
+        values: Float[Array, "frames ..."],
+        partner: Float[AnyArray, " points"],
+        of_world: Float[Array, "..."],
+    ) -> Float[Array, "points ..."]:
+        """A value of each point's partner, which is the world where the second side has no frames."""
+        table = jnp.concatenate([values[self.contact.partner_frames(tree)], of_world[None]])
+        return table.at[jnp.maximum(partner, 0.0).astype(int)].get(mode="promise_in_bounds")
 
-def friction(contact: SphereContact | SolidContact | TubeContact, coefficient: float, tree: Tree) -> Friction:
+
+def friction(contact: WithPoints, coefficient: float, tree: Tree) -> Friction:
     """Friction with nothing to remember yet.
 
     coefficient   μ [-]
@@ -205,7 +221,9 @@ def friction(contact: SphereContact | SolidContact | TubeContact, coefficient: f
     return Friction(memory, contact, np.asarray(coefficient, float))
 
 
-def _turned(pose: Float[Array, "points 4 4"], vector: Float[AnyArray, "points 3"]) -> Float[Array, "points 3"]:
+def _turned(
+    pose: Float[Array, "points 4 4"], vector: Float[AnyArray, "points 3"]
+) -> Float[Array, "points 3"]:
     return jnp.einsum("pij,pj->pi", pose[:, :3, :3], vector)
 
 
@@ -217,11 +235,6 @@ def _turned_back(
 
 def _square(x: Float[Array, "points n"]) -> Float[Array, "points n n"]:
     return x[:, :, None] * x[:, None, :]
-
-
-def _rows(table: Float[Array, "frames ..."], number: Float[AnyArray, " points"]) -> Float[Array, "points ..."]:
-    """The rows with these numbers, which lie inside."""
-    return table.at[jnp.asarray(number).astype(int)].get(mode="promise_in_bounds")
 
 
 def _summed(values: Float[Array, "some ..."], frames: np.ndarray, count: int) -> Float[Array, "count ..."]:

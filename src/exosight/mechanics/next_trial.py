@@ -109,7 +109,9 @@ def next_trial(
             anchor.q + anchor.tangent * onwards,
             jnp.where(plan.from_end, look.q, anchor.q + anchor.tangent * length),
             anchor.q + anchor.tangent * jnp.minimum(push / speed, anchor.reach),
-            jnp.where(state.phase == DESCEND, walk.q + jnp.where(walk.fresh, 0.0, walk.fraction) * walk.step, newton),
+            jnp.where(
+                state.phase == DESCEND, walk.q + jnp.where(walk.fresh, 0.0, walk.fraction) * walk.step, newton
+            ),
         ),
         t=choose(goal, jnp.where(plan.from_end, look.t, anchor.t + length), plan.past, bordered_t),
         s=jnp.where(plan.along, plan.s, state.s),
@@ -123,9 +125,7 @@ def next_trial(
             (state.previous[0], jnp.inf),
             (verdict.tangent, metric.size(ways.correction)),
         ),
-        memories=jax.tree.map(
-            lambda kept, now: jnp.where(begun, kept, now), anchor.memories, state.memories
-        ),
+        memories=jax.tree.map(lambda kept, now: jnp.where(begun, kept, now), anchor.memories, state.memories),
         snap=jnp.where(plan.descend, ~verdict.lost, state.snap),
     )
 

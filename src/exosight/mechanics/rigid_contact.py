@@ -14,7 +14,8 @@ from jaxtyping import Array, Float, Int
 from exosight import lie
 from exosight.arrays import AnyArray
 from exosight.mechanics.cones import SPREAD, Cones, between, dot, slide, smooth_pair
-from exosight.mechanics.kinematics import Motion, spread
+from exosight.mechanics.contact import Pressing
+from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.surface_contact import Plane, Solids
 from exosight.mechanics.term import (
     Bound,
@@ -82,6 +83,38 @@ class RigidContact(Term):
         at = self.pairs(tree, pose)
         return self.stiffness * jnp.maximum(at.overlap, 0.0)[:, None] * at.normal, at
 
+    def point_frames(self, tree: Tree) -> np.ndarray:
+        """The frame of each pair's first solid."""
+        return self.first.index(tree)[self._numbers[:, 0]]
+
+    def partner_frames(self, tree: Tree) -> np.ndarray:
+        """The frames of the second side."""
+        return self.second.index(tree)
+
+    def point_stiffness(self, tree: Tree) -> Float[AnyArray, " pairs"]:
+        """Of each pair [N/m]."""
+        return self.stiffness * np.ones(len(self._numbers))
+
+    def pressing(self, tree: Tree, motion: Motion) -> Pressing:
+        """What each pair's first solid presses on."""
+        at = self.pairs(tree, motion.pose)
+        on_first, on_second = self._sides(tree, at)
+        length, radius = (jnp.asarray(x)[at.solid[:, 0]] for x in (self.first.length, self.first.radius))
+        thickness = radius[:, 0] + at.place[:, 0] / length * (radius[:, 1] - radius[:, 0])
+        sides = ((on_first, self.first), (on_second, self.second))
+        own, other = (
+            at_points(jnp.einsum("ps,siq->piq", on, motion.jacobian[side.index(tree)]), at.centre[:, 0])
+            for on, side in sides
+        )
+        closing = -jnp.einsum("pi,pia->pa", at.normal, own - other)
+        return Pressing(
+            jnp.asarray(at.solid[:, 1] * 1.0),
+            at.centre[:, 0] - (thickness - 0.5 * at.overlap)[:, None] * at.normal,
+            at.normal,
+            self.stiffness * jnp.maximum(at.overlap, 0.0),
+            jnp.where(at.overlap > 0, self.stiffness, 0.0)[:, None] * closing,
+        )
+
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
         """Fraction to slightly beyond the first contact of an open pair; the expansion there contains it."""
         at, twist = self.pairs(tree, motion.pose), motion.twist(step)
@@ -124,6 +157,14 @@ class RigidContact(Term):
 
         return expand
 
+    @property
+    def _numbers(self) -> Int[np.ndarray, "pairs 2"]:
+        """The solids of each pair; both ends of a solid with a plane."""
+        count = len(self.first.frames)
+        if isinstance(self.second, Plane):
+            return np.stack([np.repeat(np.arange(count), 2), np.zeros(2 * count, int)], axis=1)
+        return np.stack([i.ravel() for i in np.indices((count, len(self.second.frames)))], axis=1)
+
     def _sides(self, tree: Tree, at: Pairs) -> tuple[Float[Array, "pairs some"], Float[Array, "pairs other"]]:
         """Which frame of each side a pair has: 1, else 0; the world has none."""
         first, second = (
@@ -137,8 +178,8 @@ class RigidContact(Term):
         count = len(self.first.frames)
         cones = _cones(self.first, pose[:count])
         if isinstance(self.second, Plane):
-            return _with_plane(cones, self.second, pose[count:])
-        return _with_solids(cones, _cones(self.second, pose[count:]))
+            return _with_plane(cones, self.second, pose[count:], self._numbers)
+        return _with_solids(cones, _cones(self.second, pose[count:]), self._numbers)
 
 
 def _cones(solids: Solids, pose: Float[Array, "cones 4 4"]) -> Cones:
@@ -147,9 +188,11 @@ def _cones(solids: Solids, pose: Float[Array, "cones 4 4"]) -> Cones:
     return Cones(pose[:, :3, 3], along, radius[:, 0], radius[:, 1] - radius[:, 0])
 
 
-def _with_plane(cones: Cones, plane: Plane, pose: Float[Array, "frames 4 4"]) -> Pairs:
+def _with_plane(
+    cones: Cones, plane: Plane, pose: Float[Array, "frames 4 4"], numbers: Int[np.ndarray, "pairs 2"]
+) -> Pairs:
     """Both ends of each solid."""
-    which, end = np.repeat(np.arange(len(cones.radius)), 2), np.tile([0.0, 1.0], len(cones.radius))
+    which, end = numbers[:, 0], np.tile([0.0, 1.0], len(cones.radius))
     ends = Cones(*(part[which] for part in cones))
     centre, radius = ends.centre(end), ends.thickness(end)
     origin, normal = plane.in_world(pose)
@@ -163,13 +206,13 @@ def _with_plane(cones: Cones, plane: Plane, pose: Float[Array, "frames 4 4"]) ->
         radius,
         jnp.zeros_like(radius),
         jnp.zeros((len(which), 2, 6)),
-        np.stack([which, np.zeros_like(which)], axis=1),
+        numbers,
         jnp.stack([place, jnp.zeros_like(place)], axis=1),
     )
 
 
-def _with_solids(first: Cones, second: Cones) -> Pairs:
-    i, j = (each.ravel() for each in np.indices((len(first.radius), len(second.radius))))
+def _with_solids(first: Cones, second: Cones, numbers: Int[np.ndarray, "pairs 2"]) -> Pairs:
+    i, j = numbers.T
     a, b = Cones(*(part[i] for part in first)), Cones(*(part[j] for part in second))
     extra = SPREAD * (a.radius + b.radius + 0.5 * (a.taper + b.taper)) / 2
     s, t = smooth_pair(a, b, extra)
@@ -182,6 +225,6 @@ def _with_solids(first: Cones, second: Cones) -> Pairs:
         distance,
         1 / distance,
         slide(a, b, extra, s, t),
-        np.stack([i, j], axis=1),
+        numbers,
         jnp.stack([s * long[0], t * long[1]], axis=1),
     )
