@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import jax.numpy as jnp
+import numpy as np
 
 from exosight.arrays import floats
 from exosight.errors import InputError
@@ -15,7 +16,16 @@ from exosight.system.camera import Camera
 from exosight.system.description import JOINT_COORDINATES, Description, SensorTable
 from exosight.system.faults import at_place
 from exosight.system.schema import SensorSpec
-from exosight.system.sensors import ContactForce, JointAngle, NetForce, PlaceZone, Sensor, SphereZone
+from exosight.system.sensors import (
+    CentreOfPressure,
+    ContactForce,
+    ForcePerLength,
+    JointAngle,
+    NetForce,
+    PlaceZone,
+    Sensor,
+    SphereZone,
+)
 from exosight.system.surfaces import SphereSurface, Surface, TubeSurface
 from exosight.system.system import Contact, System
 from exosight.validation import check_name
@@ -43,8 +53,9 @@ def build(description: Description) -> System:
         contacts=contacts,
         actuators=build_actuators(description),
         sensors=tuple(
-            at_place(f"sensors.{name}", _sensor, description, name, table, named)
+            sensor
             for name, table in description.sensors.items()
+            for sensor in at_place(f"sensors.{name}", _sensors, description, name, table, named)
         ),
         cameras=tuple(
             (name, Camera(table.centre, table.pixel, table.width, table.height))
@@ -86,29 +97,48 @@ def _contact(description: Description, name: str, surfaces: Mapping[str, Surface
     return Contact(name, first.name, second.name, floats(stiffness))
 
 
-def _sensor(
+def _sensors(
     description: Description, name: str, table: SensorTable, surfaces: Mapping[str, Surface]
-) -> Sensor:
+) -> tuple[Sensor, ...]:
+    """The sensor of a table, or the row of them along a tube."""
     if table.type == "joint_angle":
         body = table.body or ""
         check_joint(description, body, table.coordinate)
         spec = SensorSpec(name, "joint angle", "rad", estimated=table.estimated)
-        return JointAngle(spec, body, table.coordinate)
+        return (JointAngle(spec, body, table.coordinate),)
     if table.type == "net_force":
-        for part in table.parts or ():
-            if part in description.sensors and description.sensors[part].type == "joint_angle":
-                raise InputError(f"parts: expected forces, but {part} is a joint angle")
-        return NetForce(SensorSpec(name, "net force", "N", parts=table.parts or (), limit=table.limit))
+        return (NetForce(SensorSpec(name, "net force", "N", parts=table.parts or (), limit=table.limit)),)
     surface = table.surface or ""
     check_name("surface", surface, surfaces)
     pressed = {side for each in description.contacts.values() for side in (each.first, each.second)}
     if surface not in pressed:
         raise InputError(f"surface: nothing presses on {surface}; name it in a contact")
-    spec = SensorSpec(name, "contact force", "N", estimated=table.estimated, limit=table.limit)
-    found = surfaces[surface]
-    if isinstance(found, SphereSurface):
-        return ContactForce(spec, surface, SphereZone(_zone(table, surface, found)))
-    return ContactForce(spec, surface, _place(description, name, table, found))
+    found, component = surfaces[surface], table.component
+    if table.type == "contact_force":
+        force = SensorSpec(name, "contact force", "N", table.estimated, (), table.limit, component)
+        if isinstance(found, SphereSurface):
+            return (ContactForce(force, surface, SphereZone(_zone(table, surface, found))),)
+        return (ContactForce(force, surface, _place(description, name, table, found)),)
+    if not isinstance(found, TubeSurface):
+        raise InputError(f"surface: expected a tube for type {table.type}, got {surface}")
+    length = _length(description, found)
+    if table.type == "centre_of_pressure":
+        whole = PlaceZone(0, floats([length / 2]))
+        zone = whole if table.at is None else _place(description, name, table, found)
+        return (CentreOfPressure(SensorSpec(name, "centre of pressure", "m"), surface, zone),)
+    places = table.places or 0
+    middles, zone_length = floats((np.arange(places) + 0.5) * length / places), floats(length / places)
+    return tuple(
+        ForcePerLength(
+            SensorSpec(f"{name}_{i}", "force per length", "N/m", component=component),
+            *(surface, PlaceZone(i, middles), zone_length),
+        )
+        for i in range(places)
+    )
+
+
+def _length(description: Description, tube: TubeSurface) -> float:
+    return sum((description.rods.get(body) or description.links[body]).length for body in tube.bodies)
 
 
 def _place(description: Description, name: str, table: SensorTable, surface: TubeSurface) -> PlaceZone:
@@ -117,21 +147,22 @@ def _place(description: Description, name: str, table: SensorTable, surface: Tub
         raise InputError(
             f"at: expected a distance along {surface.name}, which is a tube, got spheres or a body"
         )
-    zones = {
-        other: each.at
-        for other, each in description.sensors.items()
-        if each.surface == surface.name and each.at is not None
-    }
-    length = sum((description.rods.get(body) or description.links[body]).length for body in surface.bodies)
+    length = _length(description, surface)
     if table.at > length:
         raise InputError(
             f"at: expected at most {length:g} m, the length of {surface.name}, got {table.at:g} m"
         )
-    same = [other for other, at in zones.items() if at == table.at and other != name]
-    if same:
-        raise InputError(f"at: expected another place than that of {same[0]}, got {table.at:g} m for both")
-    order = sorted(zones, key=zones.__getitem__)
-    return PlaceZone(order.index(name), floats([zones[each] for each in order]))
+    zones = {
+        other: each
+        for other, each in description.sensors.items()
+        if each.surface == surface.name and each.at is not None
+    }
+    for other, each in zones.items():
+        read = (each.type, each.component, each.at)
+        if other != name and read == (table.type, table.component, table.at):
+            raise InputError(f"at: expected another place than that of {other}, got {table.at:g} m for both")
+    middles = sorted({each.at or 0.0 for each in zones.values()})
+    return PlaceZone(middles.index(table.at), floats(middles))
 
 
 def _zone(table: SensorTable, name: str, surface: SphereSurface) -> tuple[int, ...]:
