@@ -194,15 +194,15 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
                 "[sensors.sum]",
                 '[contacts.hard]\nfirst = "skin"\nsecond = "soft_points"\nstiffness = "1 N/m"\n[sensors.sum]',
             ),
-            "contacts.hard: expected line_stiffness, not stiffness, between tubes",
+            "contacts.hard: expected line_stiffness, not stiffness, for contact of a rod",
         ),
         (
             ("[sensors.sum]", '[contacts.mixed]\nfirst = "pads"\nsecond = "soft_points"\n[sensors.sum]'),
-            "contact mixed: expected two surfaces of spheres, or two tubes",
+            "contacts.mixed: expected both surfaces of spheres or none, got one",
         ),
         (
             ("[sensors.sum]", '[contacts.bones]\nfirst = "skin"\nsecond = "skin"\n[sensors.sum]'),
-            "contacts.bones: both surfaces are on base, which is no rod on its own",
+            "contacts.bones: both surfaces are on base; only the tube of a rod can press on itself",
         ),
         (
             ("[sensors.sum]", f"{ROW}[sensors.sum]"),

@@ -6,6 +6,7 @@ import numpy as np
 
 from exosight.evaluation.tables import Cell, Column, Table
 from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.tree import Body
 from exosight.system.camera import Camera
@@ -20,7 +21,7 @@ from exosight.system.sensors import (
     Sensor,
     SphereZone,
 )
-from exosight.system.surfaces import Surface, TubeSurface
+from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface
 from exosight.system.system import ContactTerm, System
 
 
@@ -85,12 +86,14 @@ def _surfaces(surfaces: Sequence[Surface]) -> Table:
     )
     rows: list[tuple[Cell, ...]] = []
     for surface in surfaces:
-        tube = isinstance(surface, TubeSurface)
-        nodes = surface.nodes if tube else surface.spheres.frames
-        radii = 1e3 * np.asarray(surface.radius if tube else surface.spheres.radius)
-        bodies = ", ".join(dict.fromkeys(body for body, _ in nodes))
-        kind = "tube" if tube else "spheres"
-        rows.append((surface.name, kind, bodies, len(nodes), float(radii.min()), float(radii.max())))
+        bodies = ", ".join(surface.bodies) or "world"
+        if isinstance(surface, PlaneSurface):
+            rows.append((surface.name, "plane", bodies, None, None, None))
+            continue
+        spheres = isinstance(surface, SphereSurface)
+        radii = 1e3 * np.asarray(surface.spheres.radius if spheres else surface.radius)
+        kind = "spheres" if spheres else "tube"
+        rows.append((surface.name, kind, bodies, len(radii), float(radii.min()), float(radii.max())))
     return Table("surfaces", "Surfaces", columns, tuple(rows))
 
 
@@ -134,8 +137,8 @@ def _measured(sensor: Sensor) -> str:
 
 
 def _stiffness_unit(term: ContactTerm) -> str:
-    """Of a pair of spheres, or of a length of tube."""
-    return "N/m" if isinstance(term, SphereContact) else "N/m²"
+    """Of a pair of spheres or links, or of a length of a rod's tube."""
+    return "N/m" if isinstance(term, SphereContact | RigidContact) else "N/m²"
 
 
 def _zone(zone: SphereZone | PlaceZone) -> str:

@@ -37,6 +37,7 @@ Strain = Literal["torsion_x", "bend_y", "bend_z", "stretch_x", "shear_y", "shear
 Vector = tuple[Distance, Distance, Distance]
 Rotation = tuple[Angle, Angle, Angle]
 Unit01 = Annotated[float, Field(ge=0, le=1)]
+Share = Annotated[float, Field(ge=-1, le=1)]
 Sphere = Annotated[int, Field(ge=0, le=100_000)]
 ORIGIN = (0.0, 0.0, 0.0)
 JOINT_COORDINATES = {"fixed": 0, "revolute": 1, "universal": 2, "spherical": 3}
@@ -162,31 +163,39 @@ class RodTable:
 
 @dataclass(frozen=True, config=CONFIG)
 class SurfaceTable:
-    """Geometry that bodies carry: cameras see tubes; contacts are of two tubes, or of two sets of spheres."""
+    """Geometry that bodies carry: cameras see tubes; contacts are of tubes and planes, or of spheres."""
 
-    type: Literal["tube", "spheres"]
-    bodies: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)]
-    """one rod, or links in a chain"""
+    type: Literal["tube", "spheres", "plane"]
+    bodies: Annotated[tuple[Name, ...], Field(max_length=1000)] = ()
+    """one rod, or links in a chain; of a plane one link, or none: the world"""
     at: Annotated[tuple[Unit01, ...], Field(min_length=1, max_length=1000)] | None = None
     """places of spheres along each link, 0 at its base to 1 at its end; a rod has one at each point"""
     shade: Unit01 = 0.5
     """gray of a tube, 0 black to 1 white"""
+    position: Vector = ORIGIN
+    """of a point on a plane, in the frame of its link's base"""
+    normal: tuple[Share, Share, Share] = (0.0, 0.0, 1.0)
+    """direction out of a plane, there"""
 
     def __post_init__(self) -> None:
-        _refuse_unused(self, {"tube": ("shade",), "spheres": ("at",)})
+        _refuse_unused(self, {"tube": ("shade",), "spheres": ("at",), "plane": ("position", "normal")})
+        if self.type != "plane" and not self.bodies:
+            raise ValueError(f"bodies: expected at least one body that carries the {self.type}, got none")
+        if not any(self.normal):
+            raise ValueError("normal: expected a direction such as [0, 0, 1], got no direction")
 
 
 @dataclass(frozen=True, config=CONFIG)
 class ContactTable:
-    """Two surfaces that press on each other: both of spheres, or tubes of which one is around a rod; one name
-    twice is a rod that presses on itself."""
+    """Two surfaces that press on each other: both of spheres, or tubes and at most one plane; one name twice
+    is a rod that presses on itself."""
 
     first: Name
     second: Name
     stiffness: Stiffness | None = None
-    """of a pair of spheres"""
+    """of a pair of spheres, and of links with links or planes"""
     line_stiffness: Modulus | None = None
-    """of tubes: force a length and a depth; without: π/4 young/(1 − poisson²) of the rods, in series"""
+    """of rods: force a length and a depth; without: π/4 young/(1 − poisson²) of the rods, in series"""
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -225,7 +234,7 @@ class SensorTable:
 
     type: Literal["contact_force", "net_force", "joint_angle", "force_per_length", "centre_of_pressure"]
     surface: Name | None = None
-    """that is pressed on; of a force per length or a centre of pressure: a tube"""
+    """that is pressed on, of a plane all; of a force per length or a centre of pressure: a tube"""
     spheres: Annotated[tuple[Sphere, ...], Field(min_length=1, max_length=1000)] | None = None
     """of a contact force: the zone, as numbers of spheres on that surface"""
     at: Annotated[Distance, Field(ge=0)] | None = None
@@ -266,10 +275,8 @@ class SensorTable:
             if getattr(self, entry) is None:
                 raise ValueError(f"expected {entry} for a sensor of type {self.type}, got none")
         zone = [name for name in ("spheres", "body", "at") if getattr(self, name) is not None]
-        if self.type == "contact_force" and len(zone) != 1:
-            raise ValueError(
-                "expected the zone as one of spheres, body and at, got " + (" and ".join(zone) or "none")
-            )
+        if len(zone) > 1:
+            raise ValueError(f"expected the zone as one of spheres, body and at, got {' and '.join(zone)}")
         check_unique("parts", self.parts or ())
 
 

@@ -12,9 +12,10 @@ from jaxtyping import Array, Float
 from exosight.arrays import AnyArray
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.kinematics import Motion, walk
+from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surface_contact import SolidContact, Solids
 from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.sensors import SensorInput, SurfaceForces, force_per_length
 from exosight.system.surfaces import zone_middle
@@ -149,6 +150,8 @@ def contact_forces(system: System, robot: Robot, motion: Motion) -> dict[str, Su
                 sides = _on_solids(term, robot, motion)
             case TubeContact():
                 sides = _on_tubes(term, robot, motion)
+            case RigidContact():
+                sides = _on_links(term, robot, motion)
         for name, side in zip((contact.first, contact.second), sides, strict=True):
             parts[name].append(side)
     none = SurfaceForces(jnp.zeros((0, 3)), jnp.zeros((0, 3)), jnp.zeros(0))
@@ -169,13 +172,11 @@ def _on_spheres(term: SphereContact, robot: Robot, motion: Motion) -> tuple[Surf
 def _on_solids(term: SolidContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
     """Every point with each of the two solids that it may touch; distances along the chain of solids."""
     at = term.contacts(robot, motion.pose)
-    length = jnp.asarray(term.second.length)
-    starts = jnp.cumsum(length) - length
     push = term.pressure(robot, at)
     force = jnp.concatenate(
         [(share * push)[:, None] * touch.normal for share, touch in zip(at.share, at.touches, strict=True)]
     )
-    place = jnp.concatenate([touch.which @ starts + touch.place for touch in at.touches])
+    place = jnp.concatenate([touch.which @ term.second.starts + touch.place for touch in at.touches])
     along = _along(term.first.rod, robot)
     first = SurfaceForces(force, force, jnp.concatenate([along, along]))
     return first, SurfaceForces(-force, -force, place)
@@ -187,6 +188,16 @@ def _on_tubes(term: TubeContact, robot: Robot, motion: Motion) -> tuple[SurfaceF
     place = nodes[at.piece] + at.t * (nodes[at.piece + 1] - nodes[at.piece])
     first = SurfaceForces(force, force, _along(term.first.rod, robot))
     return first, SurfaceForces(-force, -force, place)
+
+
+def _on_links(term: RigidContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
+    """Every pair; distances along the chains of solids."""
+    force, at = term.forces(robot, motion.pose)
+    first, second = (
+        (side.starts if isinstance(side, Solids) else jnp.zeros(1))[at.solid[:, i]] + at.place[:, i]
+        for i, side in enumerate((term.first, term.second))
+    )
+    return SurfaceForces(force, force, first), SurfaceForces(-force, -force, second)
 
 
 def _along(rod: str, robot: Robot) -> Float[Array, " points"]:
