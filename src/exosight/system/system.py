@@ -80,7 +80,9 @@ def _check_zone(sensor: ContactForce | ForcePerLength | CentreOfPressure, surfac
                     f"sensor {sensor.spec.name}: expected spheres 0…{count - 1} of {surface.name}, got "
                     f"{spheres}"
                 )
-        case PlaceZone(), TubeSurface() | PlaneSurface():
+        case PlaceZone(), TubeSurface():
+            return
+        case PlaceZone(), PlaneSurface() if isinstance(sensor, ContactForce):
             return
         case _:
             raise InputError(
