@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from exosight.errors import ConvergenceError, InputError
-from exosight.mechanics import JointTorque, Link, Robot, State, advance
+from exosight.mechanics import JointTorque, Link, Robot, advance
 from exosight.mechanics.equilibrium import SolverOptions
+from exosight.mechanics.quasistatic import unstrained
 from exosight.system.camera import Camera
 from exosight.system.observation import observe
 from exosight.system.schema import Schema, difference
@@ -99,8 +100,8 @@ class BatchPlant:
         count = len(systems)
         channels = len(self.schema.channels)
         nothing = np.zeros((count, channels + self._coordinates))
-        unstrained = State(np.zeros((count, self._own.dofs)), nothing)
-        self._at_rest, found = advance(self._own, unstrained, nothing, options)
+        start = unstrained(self._own, nothing.shape[1])
+        self._at_rest, found = advance(self._own, start, nothing, options)
         if not found.converged.all():
             raise ConvergenceError(
                 f"{int((~found.converged).sum())} of {count} unloaded systems have no stable pose; "
@@ -191,7 +192,8 @@ class BatchPlant:
 
     def _look(self, converged: Bool[np.ndarray, " plants"]) -> BatchState:
         q = np.array(self._reached.q)
-        seen = observe(self._stacked, jnp.asarray(q[:, None]))
+        history = tuple(memory[:, None] for memory in self._reached.history)
+        seen = observe(self._stacked, jnp.asarray(q[:, None]), history)
         self._state = BatchState(
             self.schema,
             self._commands.copy(),

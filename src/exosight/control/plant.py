@@ -23,6 +23,7 @@ class Observation:
     converged       False: no stable pose was found on the way to the commands that were asked for, and this
                     is the last one before
     min_eigenvalue  how stable the pose is [-]: 1 for the unloaded plant, 0 where it snaps
+    history         of a simulated plant with friction, see `exosight.mechanics.Equilibria`
     """
 
     schema: Schema
@@ -32,6 +33,7 @@ class Observation:
     q: Float[np.ndarray, " dofs"]
     converged: bool
     min_eigenvalue: float
+    history: tuple[Float[np.ndarray, "..."], ...] = ()
 
     def reading(self, sensor: str) -> float:
         """What one sensor reads [its unit]; InputError if there is none of this name."""

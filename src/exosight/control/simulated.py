@@ -77,7 +77,8 @@ class SimulatedPlant:
         """The pose as it is now."""
         point = self._present()
         q = np.array(point.q)
-        seen = observe(self._stacked, jnp.asarray(q[None, None]))
+        history = tuple(np.array(memory) for memory in point.history)
+        seen = observe(self._stacked, jnp.asarray(q[None, None]), tuple(m[None, None] for m in history))
         return Observation(
             schema=self.schema,
             commands=np.array(point.commands),
@@ -86,6 +87,7 @@ class SimulatedPlant:
             q=q,
             converged=self._converged,
             min_eigenvalue=point.min_eigenvalue,
+            history=history,
         )
 
     @property
@@ -112,8 +114,10 @@ class _Point:
 def _walk(system: System, stacked: Robot, start: _Point, commands: tuple[float, ...]) -> tuple[_Point, bool]:
     """The last equilibrium on the way from `start` to the commands, and whether that is the one at these."""
     loads = [system.loads(np.array([each])) for each in (start.commands, commands)]
-    state, found = advance(stacked, State(np.array([start.q]), loads[0], start.history), loads[1])
+    memories = tuple(np.array(memory)[None] for memory in start.history)
+    state, found = advance(stacked, State(np.array([start.q]), loads[0], memories), loads[1])
     converged = bool(found.converged[0])
     reached = commands if converged else tuple(system.commands(np.asarray(state.loads)[0]).tolist())
     q = tuple(np.asarray(state.q)[0].tolist())
-    return _Point(reached, q, float(found.min_eigenvalue[0]), state.history), converged
+    history = tuple(tuple(map(tuple, memory[0].tolist())) for memory in state.history)
+    return _Point(reached, q, float(found.min_eigenvalue[0]), history), converged

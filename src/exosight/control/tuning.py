@@ -18,8 +18,9 @@ from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.scheduled import RELEASED
 from exosight.errors import InputError
+from exosight.mechanics import State
 from exosight.system.schema import Channel, Schema, SensorSpec
-from exosight.system.simulation import simulate_path
+from exosight.system.simulation import SystemStates, simulate_path
 from exosight.system.system import System
 
 CONTACT_LIMIT = 0.5
@@ -79,9 +80,9 @@ def tune(
     pull = min(0.25 * driven.peak, -driven.low) if pull is None else pull
     _check_numbers(driven, contact_limit, rate, pull, period)
     limits = default_limits(schema, contact_limit)
-    loading, q = _loading(system, sensor, driven, limits)
+    loading, state = _loading(system, sensor, driven, limits)
     falling = np.concatenate([loading.u[:0:-1], _grid(driven, -pull)])
-    unloading, _ = _force_path(system, sensor, driven, falling, q)
+    unloading, _ = _force_path(system, sensor, driven, falling, state)
     if not unloading.controlled[-1] < RELEASED:
         raise InputError(
             f"tune: {sensor} is not released at {driven.name} = {-pull:g} {driven.unit}; "
@@ -117,12 +118,10 @@ def _check_numbers(
         raise InputError(f"tune, pull: expected 0…{-driven.low:g} {driven.unit}, got {pull}")
 
 
-def _loading(
-    system: System, sensor: str, driven: Channel, limits: np.ndarray
-) -> tuple[ForcePath, np.ndarray]:
-    """The path up to the largest reading of the sensor within the limits, and the coordinates at its end."""
+def _loading(system: System, sensor: str, driven: Channel, limits: np.ndarray) -> tuple[ForcePath, State]:
+    """The path up to the largest reading of the sensor within the limits, and the state at its end."""
     rising = _grid(driven, driven.high)
-    up, q = _force_path(system, sensor, driven, rising)
+    up, path = _force_path(system, sensor, driven, rising)
     over = (up.outputs > limits).any(axis=1)
     allowed = int(np.argmax(over)) if over.any() else len(rising)
     last = int(np.argmax(up.controlled[:allowed])) if allowed else 0
@@ -134,7 +133,7 @@ def _loading(
             "another sensor or channel, or allow more"
         )
     part = (x[: last + 1] for x in (up.u, up.outputs, up.controlled, up.snapped))
-    return ForcePath(*part), q[last]
+    return ForcePath(*part), path.state(system, last)
 
 
 def _gain_bounds(paths: Sequence[ForcePath], weights: np.ndarray, peak: float) -> tuple[float, float]:
@@ -151,11 +150,11 @@ def _grid(driven: Channel, end: float) -> np.ndarray:
 
 
 def _force_path(
-    system: System, sensor: str, driven: Channel, u: np.ndarray, q: np.ndarray | None = None
-) -> tuple[ForcePath, np.ndarray]:
-    """The path over these commands, all others at 0, and its coordinates."""
+    system: System, sensor: str, driven: Channel, u: np.ndarray, state: State | None = None
+) -> tuple[ForcePath, SystemStates]:
+    """The path over these commands, all others at 0, and its states."""
     schema = system.schema
-    _, found, seen = simulate_path(system, schema.commands(u, driven.name), q)
-    outputs = np.asarray(seen.readings)[:, schema.output_indices()]
+    path = simulate_path(system, schema.commands(u, driven.name), state)
+    outputs = np.asarray(path.observation.readings)[:, schema.output_indices()]
     controlled = (outputs * schema.weights(sensor)).sum(axis=1)
-    return ForcePath(u, outputs, controlled, np.array(found.snapped)), np.asarray(found.q)
+    return ForcePath(u, outputs, controlled, np.array(path.equilibria.snapped)), path

@@ -2,14 +2,12 @@
 
 from collections.abc import Callable
 
-import jax
 import numpy as np
 
 from exosight.dataset.designs import config_of, design_set
 from exosight.dataset.frames import Frames
 from exosight.dataset.manifest import Manifest
-from exosight.system.observation import body_shapes, observe
-from exosight.system.system import stack_systems
+from exosight.system.observation import body_axes, body_shapes
 
 
 def poses(
@@ -30,8 +28,8 @@ def poses(
         system, rows = designs.build(by_number[number]), np.flatnonzero(frames.design == number)
         # As many for every design, the last again and again: one compilation for all.
         padded = np.pad(rows, (0, counts.max() - len(rows)), mode="edge")
-        seen = observe(stack_systems([system]), frames.pose[None, padded])
-        for name, values in body_shapes(system, jax.tree.map(lambda leaf: leaf[0], seen.axes)).items():
+        axes = body_axes(system, frames.pose[padded])
+        for name, values in body_shapes(system, axes).items():
             if name not in found:
                 found[name] = np.zeros((len(frames), *values.shape[1:]), np.float32)
             found[name][rows] = values[: len(rows)]

@@ -47,7 +47,7 @@ def simulate_designs(
     systems = [designs.build(design) for design in chosen]
     paths = [load_path(designs.schema, config.frames, config.seed, design.number) for design in chosen]
     found = _solve(systems, paths, done, kept)
-    seen: Observation = jax.tree.map(np.asarray, observe(stack_systems(systems), found.q))
+    seen: Observation = jax.tree.map(np.asarray, observe(stack_systems(systems), found.q, found.history))
     cause = first_cause(designs, systems[0], np.asarray(found.converged), seen)
     names = causes(designs)
     parts = []

@@ -17,7 +17,6 @@ SAVE_SECONDS = 1.0
 """Time between two saves at least [s]; longer where a save takes more than a twentieth of it."""
 
 _LARGEST = 2**30  # [bytes]
-_FIELDS = tuple(name for name in Solutions._fields if name != "snaps")
 
 
 class SolvedDesigns:
@@ -39,10 +38,10 @@ class SolvedDesigns:
         try:
             content = read_file(self._path, _LARGEST, "expected solved designs")
             with np.load(io.BytesIO(content), allow_pickle=False) as file:
-                values = {name: file[name] for name in ("job", "numbers", *_FIELDS)}
+                values = {name: file[name] for name in ("job", "numbers", *_rows(found))}
         except (DataError, OSError, ValueError, KeyError, EOFError, MemoryError, BadZipFile):
             return []
-        numbers, rows = values["numbers"], {name: getattr(found, name) for name in _FIELDS}
+        numbers, rows = values["numbers"], _rows(found)
         if (
             str(values["job"]) != self._job
             or numbers.ndim != 1
@@ -73,6 +72,13 @@ class SolvedDesigns:
         self._path.unlink(missing_ok=True)
 
     def _save(self, found: Solutions) -> None:
-        buffer, rows = io.BytesIO(), {name: getattr(found, name)[self._numbers] for name in _FIELDS}
-        np.savez(buffer, job=self._job, numbers=self._numbers, **rows)
+        buffer, rows = io.BytesIO(), {name: row[self._numbers] for name, row in _rows(found).items()}
+        np.savez(buffer, allow_pickle=False, job=self._job, numbers=self._numbers, **rows)
         replace_file(self._path, buffer.getvalue())
+
+
+def _rows(found: Solutions) -> dict[str, np.ndarray]:
+    """All that is kept of designs, by name, each with a row for a design."""
+    names = (name for name in Solutions._fields if name not in ("snaps", "history"))
+    rows = {name: getattr(found, name) for name in names}
+    return rows | {f"history_{i}": memory for i, memory in enumerate(found.history)}

@@ -143,7 +143,9 @@ class _TrialSensor:
                 "reading": None if reading is None else reading_of(reading, self._lab.schema),
                 "image": None if measurement.image is None else png_text(measurement.image),
                 "guard": self._guard(),
-                "scene": scene_of(self._system, observe_one(self._stacked, observation.q)),
+                "scene": scene_of(
+                    self._system, observe_one(self._stacked, observation.q, observation.history)
+                ),
                 "converged": observation.converged,
             }
         )

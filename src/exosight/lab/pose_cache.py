@@ -12,11 +12,13 @@ from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from exosight.mechanics import SolverOptions, State, drive
+from exosight.system.observation import History
 from exosight.system.schema import Channel
 from exosight.system.system import System, stack_systems
 
@@ -81,15 +83,26 @@ class Rest:
     drive      a shortest known one to it
     q          (dofs,)  coordinates
     converged  whether it is a stable equilibrium; if not, it is the last one before
+    history    of the system, see `Equilibria`
     """
 
     drive: Drive
     q: Float[np.ndarray, " dofs"]
     converged: bool
+    history: History = ()
 
 
-Point = tuple[Float[np.ndarray, " dofs"], bool]
-"""Coordinates, and whether they are a stable equilibrium."""
+class Point(NamedTuple):
+    """Coordinates, whether they are a stable equilibrium, and the history that they come with."""
+
+    q: Float[np.ndarray, " dofs"]
+    converged: bool
+    history: History
+
+    def same(self, other: "Point") -> bool:
+        """Whether both go on alike."""
+        pairs = zip((self.q, *self.history), (other.q, *other.history), strict=True)
+        return all(np.abs(a - b).max() < _SAME for a, b in pairs)
 
 
 @dataclass
@@ -99,7 +112,7 @@ class _Branch:
     commands  (channels,)  before the move [steps]
     channel   that moves
     rises     whether to the upper end
-    start     coordinates before the move
+    start     the equilibrium before the move
     places    every multiple of STRIDE after it, in the order of the move [steps]
     solved    the equilibria at the places so far
     between   the same at steps between two places
@@ -108,7 +121,7 @@ class _Branch:
     commands: np.ndarray
     channel: int
     rises: bool
-    start: np.ndarray
+    start: Point
     places: list[int]
     solved: list[Point] = field(default_factory=list)
     between: dict[int, Point] = field(default_factory=dict)
@@ -134,12 +147,12 @@ class CachedSystem:
         """The equilibrium that a drive from rest ends in; every command within the grid of its channel."""
         with self._lock:
             short = turning_points(drive)
-            q, converged = self._solve(short)
+            point = self._solve(short)
             for same in self._shorter(short):
                 known = self._known(same) if len(same) < len(short) else None
-                if known is not None and np.abs(known - q).max() < _SAME:
-                    return Rest(same, q, converged)
-            return Rest(short, q, converged)
+                if known is not None and known.same(point):
+                    return Rest(same, *point)
+            return Rest(short, *point)
 
     def _shorter(self, drive: Drive) -> list[Drive]:
         """Drives to the same commands that may end in the same pose: straight, and by way of the peak."""
@@ -155,7 +168,8 @@ class CachedSystem:
         if not drive:
             if self._rest is None:
                 none = np.zeros((1, len(self.grids)))
-                self._rest = self._driven(none[0], np.zeros(self.robot.dofs), none)[0]
+                start = Point(np.zeros(self.robot.dofs), True, self.robot.memories)
+                self._rest = self._driven(none[0], start, none)[0]
             return self._rest
         branch, (_, goal) = self._branch(drive), drive[-1]
         needed = branch.until(goal)
@@ -174,25 +188,29 @@ class CachedSystem:
         if after:
             commands[0, branch.channel] = branch.places[after - 1]
         commands[1:, branch.channel] = places
-        return self._driven(commands[0], branch.solved[after - 1][0] if after else branch.start, commands[1:])
+        return self._driven(commands[0], branch.solved[after - 1] if after else branch.start, commands[1:])
 
     def _driven(
         self,
         start: Float[np.ndarray, " channels"],
-        q: Float[np.ndarray, " dofs"],
+        point: Point,
         commands: Float[np.ndarray, "loads channels"],
     ) -> list[Point]:
-        """The equilibria at commands [steps], in order, from that at `start` with coordinates q."""
+        """The equilibria at commands [steps], in order, from that at `start`."""
         before, loads = (self.system.loads(each * self._unit) for each in (start, commands))
-        found = drive([self.robot], loads, state=State(q[None], before[None]), options=_ENOUGH)
-        return list(zip(np.asarray(found.q[0]), found.converged[0].tolist(), strict=True))
+        state = State(point.q[None], before[None], tuple(memory[None] for memory in point.history))
+        found = drive([self.robot], loads, state=state, options=_ENOUGH)
+        return [
+            Point(np.asarray(found.q[0, i]), bool(converged), tuple(memory[0, i] for memory in found.history))
+            for i, converged in enumerate(found.converged[0])
+        ]
 
     def _branch(self, drive: Drive) -> _Branch:
         """The branch that a drive ends on."""
         before, channel, rises = key = _key(drive)
         branch = self._branches.get(key)
         if branch is None:
-            start, grid = self._solve(before)[0], self.grids[channel]
+            start, grid = self._solve(before), self.grids[channel]
             commands = np.zeros(len(self.grids))
             for each, place in before:
                 commands[each] = place
@@ -205,11 +223,11 @@ class CachedSystem:
         self._branches.move_to_end(key)
         return branch
 
-    def _known(self, drive: Drive) -> np.ndarray | None:
-        """The coordinates at the end of a drive, if there is little to solve for them."""
+    def _known(self, drive: Drive) -> Point | None:
+        """The end of a drive, if there is little to solve for it."""
         if not drive:
-            return None if self._rest is None else self._rest[0]
-        return self._solve(drive)[0] if self._has(drive) else None
+            return self._rest
+        return self._solve(drive) if self._has(drive) else None
 
     def _has(self, drive: Drive) -> bool:
         """Whether all places up to the end of a drive with moves are solved."""

@@ -17,7 +17,7 @@ from exosight.lab.pose_cache import STRIDE, CachedSystem, Move, Rest, round125
 from exosight.lab.settings import PathSettings, View
 from exosight.lab.system import LabSystem
 from exosight.mechanics.tree import Tree
-from exosight.system.observation import Observation, observe
+from exosight.system.observation import History, Observation, observe
 from exosight.system.surfaces import zone_radius
 from exosight.system.system import System
 from exosight.vision.scene import picture
@@ -49,7 +49,7 @@ def compute_view(view: View, lab: LabSystem) -> ViewResult:
     """Everything that one view shows."""
     cached = lab.cached(view)
     rest = cached.at(lab.moves(view))
-    observation = observe_one(cached.stacked, rest.q)
+    observation = observe_one(cached.stacked, rest.q, rest.history)
     axes = {name: axis[None] for name, axis in observation.axes.items()}
     image = camera_image(view.camera, picture(cached.system, axes))
     reading = lab.network.read(image) if lab.refusal is None else None
@@ -57,9 +57,10 @@ def compute_view(view: View, lab: LabSystem) -> ViewResult:
     return ViewResult(cached.system, rest, observation, image[0], reading, notes)
 
 
-def observe_one(stacked: System, q: Float[np.ndarray, " dofs"]) -> Observation:
+def observe_one(stacked: System, q: Float[np.ndarray, " dofs"], history: History = ()) -> Observation:
     """One stacked system at one state, without batch dimensions."""
-    observation = observe(stacked, jnp.asarray(q)[None, None])
+    batched = tuple(memory[None, None] for memory in history)
+    observation = observe(stacked, jnp.asarray(q)[None, None], batched)
     return jax.tree.map(lambda leaf: np.asarray(leaf)[0, 0], observation)
 
 
@@ -197,7 +198,8 @@ def path_answer(settings: PathSettings, path: Path, cached: CachedSystem, lab: L
     """What one sensor reads along a path, and between which limits a loop may follow it."""
     sensor, grid = lab.sensor(settings.sensor), lab.grids[path.channel]
     rests = [cached.at(drive) for drive in path.drives()]
-    found = observe(cached.stacked, np.stack([rest.q for rest in rests])[None])
+    history = jax.tree.map(lambda *rows: np.stack(rows)[None], *(rest.history for rest in rests))
+    found = observe(cached.stacked, np.stack([rest.q for rest in rests])[None], history)
     values = np.round(np.asarray(found.readings)[0, :, lab.schema.index(sensor.name)], 5)
     turn = len(path.loading)
     most = round125(max(1e-6, float(np.abs(values).max())))

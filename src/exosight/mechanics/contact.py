@@ -92,7 +92,7 @@ class SphereContact(Term):
 
     def pressing(self, tree: Tree, motion: Motion) -> Pressing:
         """What each pair presses on."""
-        overlap, normal, distance = self.pairs(tree, motion.position)
+        overlap, normal, _ = self.pairs(tree, motion.position)
         a, b = self.point_frames(tree), np.tile(self.partner_frames(tree), len(self.first.frames))
         normal, overlap = normal.reshape(-1, 3), overlap.ravel()
         columns = [at_points(motion.jacobian[i], motion.position[i]) for i in (a, b)]

@@ -25,7 +25,7 @@ from exosight.mechanics.acceptance import Point, Problem, Segment, Verdict, judg
 from exosight.mechanics.branch import Anchor
 from exosight.mechanics.continuation_state import ALONG, DESCEND, SNAPS, ContinuationState, Records
 from exosight.mechanics.descent import Descent
-from exosight.mechanics.evaluator import Evaluator, Memories
+from exosight.mechanics.evaluator import Evaluator
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.next_trial import Directions, next_trial
 from exosight.mechanics.robot import Robot

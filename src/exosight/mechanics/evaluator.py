@@ -18,7 +18,6 @@ from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
 from exosight.scalar_program import Unrolled, Unsupported, unroll
 
-
 Memories = tuple[Float[AnyArray, "..."], ...]
 """What the terms of a robot remember, see `Robot.memories`."""
 

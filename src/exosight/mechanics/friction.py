@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from exosight import lie
-from exosight.arrays import AnyArray
+from exosight.arrays import AnyArray, Number, floats, known
 from exosight.errors import InputError
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.kinematics import Motion, at_points
@@ -60,7 +60,7 @@ class Held(NamedTuple):
     anchor       (points, 3)   where it would be free of force, in the partner's frame [m]
     normal       (points, 3)   unit vector, in the partner's frame
     bound        (points,)     μ N [N]
-    partner      (points,)     number of the frame it touches, among those of the second side; −1: not known yet
+    partner      (points,)     number of the second side's frame that it touches; −1: not known yet
     dissipated   (points,)     work lost to friction so far [J]
     """
 
@@ -130,7 +130,7 @@ class Friction(TermWithMemory):
         """k of each point [N/m]."""
         return SHEAR * self.contact.point_stiffness(tree)
 
-    def forces(self, tree: Tree, motion: Motion) -> Float[Array, "points 3"]:
+    def forces(self, tree: Tree, motion: Motion) -> Float[AnyArray, "points 3"]:
         """The friction force on each point of the contact's first side, in the world [N]."""
         slip = self.slip(tree, motion, self.contact.pressing(tree, motion).force)
         return -(self.stiffness(tree) * slip.held)[:, None] * slip.stretch
@@ -207,18 +207,18 @@ class Friction(TermWithMemory):
         return table.at[jnp.maximum(partner, 0.0).astype(int)].get(mode="promise_in_bounds")
 
 
-def friction(contact: WithPoints, coefficient: float, tree: Tree) -> Friction:
+def friction(contact: WithPoints, coefficient: Number, tree: Tree) -> Friction:
     """Friction with nothing to remember yet.
 
     coefficient   μ [-]
 
     Raises InputError for a coefficient that is negative or not finite.
     """
-    if not 0 <= coefficient < np.inf:
+    if known(coefficient) and not 0 <= coefficient < np.inf:
         raise InputError(f"friction coefficient: expected a finite number of at least 0, got {coefficient}")
     memory = np.zeros((len(contact.point_frames(tree)), SIZE))
     memory[:, -2] = -1.0
-    return Friction(memory, contact, np.asarray(coefficient, float))
+    return Friction(memory, contact, floats(coefficient))
 
 
 def _turned(

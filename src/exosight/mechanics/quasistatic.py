@@ -44,7 +44,7 @@ def initial_state(robots: Robots, channels: int | None = None, options: SolverOp
     channels   how many load channels there are; as many as the robots' terms need by default
     """
     batch = _batched(robots)
-    start = _unstrained(batch, batch.loads if channels is None else channels)
+    start = unstrained(batch, batch.loads if channels is None else channels)
     return advance(batch, start, np.asarray(start.loads), options)[0]
 
 
@@ -118,7 +118,8 @@ def _batched(robots: Robots) -> Robot:
     return stack(robots)
 
 
-def _unstrained(robots: Robot, channels: int) -> State:
+def unstrained(robots: Robot, channels: int) -> State:
+    """Batched robots as they are made, at loads of 0; seldom at rest."""
     count = len(jax.tree.leaves(robots)[0])
     memories = tuple(np.asarray(memory) for memory in robots.memories)
     return State(np.zeros((count, robots.dofs)), np.zeros((count, channels)), memories)
@@ -148,7 +149,7 @@ def _solve(
     channels = loads.shape[2]
     if channels < robots.loads:
         raise InputError(f"loads: the robot's terms need {robots.loads} channels, got {channels}")
-    state = _unstrained(robots, channels) if state is None else state
+    state = unstrained(robots, channels) if state is None else state
     q, origin = np.asarray(state.q, dtype=float), np.asarray(state.loads, dtype=float)
     for name, value, shape in (("q", q, (count, robots.dofs)), ("loads", origin, (count, channels))):
         if value.shape != shape or not np.all(np.isfinite(value)):

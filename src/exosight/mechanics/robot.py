@@ -43,7 +43,12 @@ class Robot(Tree):
         return tuple(term.memory for term in self.terms if isinstance(term, TermWithMemory))
 
     def with_memories(self, memories: tuple[Float[AnyArray, "..."], ...]) -> "Robot":
-        """The same robot with other memories."""
+        """The same robot with other memories; InputError unless there is one for each term that remembers."""
+        if len(memories) != len(self.memories):
+            raise InputError(
+                f"history: expected {len(self.memories)} arrays, one for each term with a memory, got "
+                f"{len(memories)}; give the history of the equilibria that q comes from"
+            )
         given = iter(memories)
         terms = tuple(
             replace(term, memory=next(given)) if isinstance(term, TermWithMemory) else term

@@ -76,7 +76,8 @@ def _contact(description: Description, name: str, surfaces: Mapping[str, Surface
         of = "a rod" if soft else "spheres" if spheres else "links"
         raise InputError(f"contacts.{name}: expected {right}, not {wrong}, for contact of {of}")
     stiffness = table.stiffness or table.line_stiffness or 1 / sum(1 / each for each in soft)
-    return Contact(name, first.name, second.name, floats(stiffness))
+    friction = None if table.friction is None else floats(table.friction)
+    return Contact(name, first.name, second.name, floats(stiffness), friction)
 
 
 def _rank(side: Surface, description: Description) -> int:

@@ -196,6 +196,8 @@ class ContactTable:
     """of a pair of spheres, and of links with links or planes"""
     line_stiffness: Modulus | None = None
     """of rods: force a length and a depth; without: π/4 young/(1 − poisson²) of the rods, in series"""
+    friction: Annotated[float, Field(ge=0, le=10)] | None = None
+    """Coulomb's coefficient; without: no friction"""
 
 
 @dataclass(frozen=True, config=CONFIG)

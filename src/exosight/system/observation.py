@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.friction import Friction
 from exosight.mechanics.kinematics import Motion, walk
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.robot import Robot
@@ -20,6 +21,9 @@ from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.sensors import SensorInput, SurfaceForces, force_per_length
 from exosight.system.surfaces import zone_middle
 from exosight.system.system import System
+
+History = tuple[Float[AnyArray, "..."], ...]
+"""What the terms of a robot remember, see `Equilibria`."""
 
 
 class Observation(eqx.Module):
@@ -59,6 +63,18 @@ def body_shapes(
     return found
 
 
+@eqx.filter_jit
+def body_axes(system: System, q: Float[AnyArray, "states dofs"]) -> dict[str, Float[Array, "states nodes 3"]]:
+    """The axis of every tube of one system at each state, by its name [m]."""
+    robot = system.robot
+
+    def at(q: Float[Array, " dofs"]) -> dict[str, Float[Array, "nodes 3"]]:
+        motion = walk(robot, q)
+        return {tube.name: tube.axis(robot, motion) for tube in system.tubes}
+
+    return jax.vmap(at)(jnp.asarray(q))
+
+
 PROFILE_UNITS = {
     "place": "m, along the tube",
     "force": "x, y, z in N/m, at each place",
@@ -68,29 +84,30 @@ PROFILE_UNITS = {
 
 
 def force_profiles(
-    system: System, q: Float[AnyArray, "states dofs"], places: int = 20
+    system: System, q: Float[AnyArray, "states dofs"], history: History = (), places: int = 20
 ) -> dict[str, np.ndarray]:
     """Force per length along every tube that something presses on, at the middles of equal parts of it.
 
+    history   of each state, see `Equilibria`
     returns   of each such tube place_NAME (states, places), distances along it [m], force_per_length_NAME and
               normal_per_length_NAME (states, places, 3), the whole and its normal part, in the world [N/m];
               see `exosight.system.sensors.force_per_length`
     """
     pressed = {name for contact in system.contacts for name in (contact.first, contact.second)}
     tubes = tuple(tube.name for tube in system.tubes if tube.name in pressed)
-    found = _profiles(system, jnp.asarray(q), tubes, places)
+    found = _profiles(system, jnp.asarray(q), history, tubes, places)
     return {f"{what}_{name}": np.asarray(value) for name, of in found.items() for what, value in of.items()}
 
 
 @eqx.filter_jit
 def _profiles(
-    system: System, states: Float[Array, "states dofs"], tubes: tuple[str, ...], places: int
+    system: System, states: Float[Array, "states dofs"], history: History, tubes: tuple[str, ...], places: int
 ) -> dict[str, dict[str, Float[Array, "states ..."]]]:
     robot = system.robot
     lengths = {tube.name: tube.along(robot)[-1] for tube in system.tubes}
 
-    def at(q: Float[Array, " dofs"]) -> dict[str, dict[str, Float[Array, "..."]]]:
-        on = contact_forces(system, robot, walk(robot, q))
+    def at(q: Float[Array, " dofs"], history: History) -> dict[str, dict[str, Float[Array, "..."]]]:
+        on = contact_forces(system, robot.with_memories(history), walk(robot, q))
         found = {}
         for name in tubes:
             forces, length = on[name], lengths[name]
@@ -102,23 +119,26 @@ def _profiles(
             found[name] = {"place": middles, "force_per_length": whole, "normal_per_length": normal}
         return found
 
-    return jax.vmap(at)(states)
+    return jax.vmap(at)(states, history)
 
 
 @eqx.filter_jit
-def observe(systems: System, q: Float[AnyArray, "systems states dofs"]) -> Observation:
+def observe(systems: System, q: Float[AnyArray, "systems states dofs"], history: History = ()) -> Observation:
     """Sensors and surfaces of stacked systems at coordinates q, see `stack_systems`.
 
+    history   of each state, see `Equilibria`; only systems with friction have one
     returns   with batch dimensions (systems, states)
+
+    Raises InputError for a history that is not the systems'.
     """
-    return jax.vmap(lambda system, path: jax.vmap(partial(observe_state, system))(path))(
-        systems, jnp.asarray(q)
+    return jax.vmap(lambda system, *path: jax.vmap(partial(observe_state, system))(*path))(
+        systems, jnp.asarray(q), history
     )
 
 
-def observe_state(system: System, q: Float[Array, " dofs"]) -> Observation:
+def observe_state(system: System, q: Float[Array, " dofs"], history: History = ()) -> Observation:
     """The same of one system at one state; JAX can differentiate it."""
-    robot = system.robot
+    robot = system.robot.with_memories(history)
     motion = walk(robot, q)
     surfaces = {surface.name: surface for surface in system.surfaces}
     at = SensorInput(robot, q, contact_forces(system, robot, motion), {})
@@ -140,7 +160,8 @@ def observe_state(system: System, q: Float[Array, " dofs"]) -> Observation:
 
 
 def contact_forces(system: System, robot: Robot, motion: Motion) -> dict[str, SurfaceForces]:
-    """What presses on each surface, by its name."""
+    """What presses on each surface, by its name; the robot with the memories of the state."""
+    frictions = iter([term for term in robot.terms if isinstance(term, Friction)])
     parts: dict[str, list[SurfaceForces]] = {surface.name: [] for surface in system.surfaces}
     for contact, term in zip(system.contacts, system.contact_terms, strict=True):
         match term:
@@ -154,6 +175,11 @@ def contact_forces(system: System, robot: Robot, motion: Motion) -> dict[str, Su
                 sides = _on_links(term, robot, motion)
         for name, side in zip((contact.first, contact.second), sides, strict=True):
             parts[name].append(side)
+        if contact.friction is not None:
+            for name, side in zip(
+                (contact.first, contact.second), _friction(next(frictions), robot, motion, sides), strict=True
+            ):
+                parts[name].append(side)
     none = SurfaceForces(jnp.zeros((0, 3)), jnp.zeros((0, 3)), jnp.zeros(0))
     return {
         name: jax.tree.map(lambda *values: jnp.concatenate(values), none, *found)
@@ -198,6 +224,19 @@ def _on_links(term: RigidContact, robot: Robot, motion: Motion) -> tuple[Surface
         for i, side in enumerate((term.first, term.second))
     )
     return SurfaceForces(force, force, first), SurfaceForces(-force, -force, second)
+
+
+def _friction(
+    term: Friction, robot: Robot, motion: Motion, sides: tuple[SurfaceForces, SurfaceForces]
+) -> tuple[SurfaceForces, SurfaceForces]:
+    """Tangential forces, where the normal ones act: of each point on what it touches most."""
+    force = term.forces(robot, motion)
+    places = [side.place[: len(force)] for side in sides]
+    if isinstance(term.contact, SphereContact):  # whose sides hold the sums over all pairs of a sphere
+        counts = [len(side.place) for side in sides]
+        places = [jnp.repeat(sides[0].place, counts[1]), jnp.tile(sides[1].place, counts[0])]
+    none = jnp.zeros_like(force)
+    return SurfaceForces(force, none, places[0]), SurfaceForces(-force, none, places[1])
 
 
 def _along(rod: str, robot: Robot) -> Float[Array, " points"]:

@@ -26,21 +26,24 @@ class SystemStates(NamedTuple):
     equilibria: Equilibria
     observation: Observation
 
+    def state(self, system: System, step: int) -> State:
+        """The system at one of the commands, as a path may start from."""
+        q, *history = (part[step][None] for part in (self.equilibria.q, *self.equilibria.history))
+        return State(q, system.loads(self.commands[step : step + 1]), tuple(history))
 
-def simulate_path(
-    system: System, commands: Commands, q: Float[np.ndarray, " dofs"] | None = None
-) -> SystemStates:
+
+def simulate_path(system: System, commands: Commands, state: State | None = None) -> SystemStates:
     """The stable equilibria of a system along a path, each the start of the next.
 
     commands   in the channels' units
-    q          equilibrium at the first command from which the path starts; by default it starts from rest
+    state      that the path starts from, of one system; by default it starts from rest
 
     Raises InputError for no command, or one outside the range of its channel; ConvergenceError if there is no
     stable equilibrium on the way to some command.
     """
     commands = _checked(system, commands)
     loads = system.loads(commands)
-    found = drive([system.robot], loads, state=None if q is None else State(q[None], loads[:1]))
+    found = drive([system.robot], loads, state=state)
     if not found.converged.all():
         lost = commands[int(np.argmin(found.converged[0]))]
         at = ", ".join(
@@ -69,5 +72,6 @@ def _checked(system: System, commands: Commands) -> Commands:
 
 
 def _observed(system: System, commands: Commands, found: Equilibria) -> SystemStates:
-    seen = observe(stack_systems([system]), found.q[None])
+    history = tuple(memory[None] for memory in found.history)
+    seen = observe(stack_systems([system]), found.q[None], history)
     return SystemStates(commands, found, jax.tree.map(lambda leaf: np.asarray(leaf[0]), seen))

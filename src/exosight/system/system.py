@@ -11,6 +11,7 @@ from jaxtyping import Float
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.friction import friction
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube
@@ -43,12 +44,14 @@ class Contact(eqx.Module):
     name            of the contact (static)
     first, second   names of the surfaces; the same for a rod that presses on itself (static)
     stiffness       ()   of a length of a rod's tube [N/m²], else of a pair of spheres or links [N/m]
+    friction        ()   Coulomb's coefficient μ [-]; None: frictionless
     """
 
     name: str = eqx.field(static=True)
     first: str = eqx.field(static=True)
     second: str = eqx.field(static=True)
     stiffness: Float[AnyArray, ""]
+    friction: Float[AnyArray, ""] | None = None
 
 
 def _contact_term(contact: Contact, surfaces: Mapping[str, Surface], tree: Tree) -> ContactTerm:
@@ -150,7 +153,15 @@ class System(eqx.Module):
     @property
     def robot(self) -> Robot:
         """The bodies with all their energies, as mechanics solves them; a load a channel."""
-        return Robot(self.bodies, (*(a.term for a in self.actuators), *self.contact_terms, *self.energies))
+        actuators = (actuator.term for actuator in self.actuators)
+        contacts = self.contact_terms
+        tree = Tree(self.bodies)
+        frictions = (
+            friction(term, contact.friction, tree)
+            for contact, term in zip(self.contacts, contacts, strict=True)
+            if contact.friction is not None
+        )
+        return Robot(self.bodies, (*actuators, *contacts, *frictions, *self.energies))
 
     @property
     def contact_terms(self) -> tuple[ContactTerm, ...]:

@@ -90,7 +90,7 @@ def simulate(
             shown, states = simulated_path(system, u, commands)
         result = path_values(shown, states)
         table = path_table(result)
-        found = shown, states.commands, states.observation, states.equilibria.q
+        found = shown, states.commands, states.observation, states.equilibria
     else:
         worn = exosuit.exosuit(TABLE_I)
         from exosight.exosuit.simulation import simulate as solve
@@ -101,13 +101,13 @@ def simulate(
         about = {name: getattr(worn, name) for name in ("young", "contact_stiffness", "gap")}
         result = {"exosuit": {**shape_to_dict(worn.shape), **about}, "units": UNITS, "path": records}
         table = _table(records)
-        found = solved.system, solved.u[:, None], solved.observation, solved.equilibria.q
-    nominal, loads, seen, q = found
+        found = solved.system, solved.u[:, None], solved.observation, solved.equilibria
+    nominal, loads, seen, rest = found
     _say_faults(nominal, seen, result["path"])
     if poses or plot is not None:
         from exosight.system.observation import POSE_UNITS, PROFILE_UNITS, body_shapes, force_profiles
 
-        profiles = force_profiles(nominal, q)
+        profiles = force_profiles(nominal, rest.q, rest.history)
         if poses:
             arrays = body_shapes(nominal, seen.axes) | profiles
             _add_arrays(result, arrays, POSE_UNITS | PROFILE_UNITS)
