@@ -38,6 +38,7 @@ class Exosuit:
     gap                 clearance between the two at the base [m]; 0 is touching
     mount_angle         inclination of the exosuit at its base [rad], positive away from the finger
     mount_offset        distance of the exosuit's base from the finger's, along the finger [m]
+    friction            Coulomb's coefficient between the two, in systems with friction [-]
     """
 
     shape: ExosuitShape = TABLE_I
@@ -47,6 +48,7 @@ class Exosuit:
     gap: float = 0.0
     mount_angle: float = 0.0
     mount_offset: float = 0.0
+    friction: float = 0.3
 
     def __post_init__(self) -> None:
         for name, unit, low, high in (
@@ -55,10 +57,11 @@ class Exosuit:
             ("gap", "m", 0.0, 0.1),
             ("mount_angle", "rad", -0.5, 0.5),
             ("mount_offset", "m", -0.02, 0.02),
+            ("friction", "", 0.0, 2.0),
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                raise InputError(f"{name}: expected {low:g}…{high:g} {unit}, got {value}")
+                raise InputError(f"{name}: expected {low:g}…{high:g} {unit}, got {value}".replace(" ,", ","))
 
 
 def varied(exosuit: Exosuit, variant: Variant) -> Exosuit:
@@ -91,6 +94,7 @@ def varied(exosuit: Exosuit, variant: Variant) -> Exosuit:
         gap=exosuit.gap + variant.gap,
         mount_angle=exosuit.mount_angle + variant.mount_angle,
         mount_offset=exosuit.mount_offset + variant.mount_offset,
+        friction=exosuit.friction + variant.friction,
     )
 
 

@@ -20,6 +20,10 @@ PRESETS: dict[str, tuple[Preset, str]] = {
         index.index,
         "the same with contact of their surfaces: tapered links, and the exosuit against itself",
     ),
+    index.NAME_WITH_FRICTION: (
+        index.index_friction,
+        "index with Coulomb friction between exosuit and finger, coefficient 0.3",
+    ),
 }
 """The presets by name, and what each is."""
 

@@ -1,4 +1,4 @@
-"""The system `index`: the published finger and exosuits, with contact of their surfaces as they are.
+"""The systems `index` and `index-friction`: the published finger and exosuits, with contact of their surfaces.
 
 The exosuit presses along its whole length on tapered links with round ends, and on itself; zones C0 … share
 what acts between their middles, which lie where the published spheres are.
@@ -16,6 +16,7 @@ from exosight.system.sensors import ContactForce, PlaceZone
 from exosight.system.system import Contact, System
 
 NAME = "index"
+NAME_WITH_FRICTION = "index-friction"
 POISSON = 0.5
 
 
@@ -44,4 +45,18 @@ def index(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINAL_CA
             Contact("fold", "exosuit", "exosuit", floats(stiffness / 2)),
         ),
         sensors=sensors,
+    )
+
+
+def index_friction(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINAL_CAMERA) -> System:
+    """`index` with Coulomb friction between the exosuit and the finger, of the exosuit's coefficient.
+
+    Measured on skin: 0.61 ± 0.21 on silicone, 0.37 ± 0.09 on nylon (M. Zhang, A. F. T. Mak, In vivo friction
+    properties of human skin, Prosthetics and Orthotics International 23, 1999).
+    """
+    worn = exosuit if isinstance(exosuit, Exosuit) else Exosuit(exosuit)
+    smooth = index(worn, camera)
+    press, fold = smooth.contacts
+    return replace(
+        smooth, name=NAME_WITH_FRICTION, contacts=(replace(press, friction=floats(worn.friction)), fold)
     )

@@ -20,6 +20,8 @@ Distance = Annotated[float, Field(ge=-0.02, le=0.02)]
 Factors = Annotated[tuple[Factor, Factor], AfterValidator(rising)]
 Angles = Annotated[tuple[Angle, Angle], AfterValidator(rising)]
 Distances = Annotated[tuple[Distance, Distance], AfterValidator(rising)]
+Friction = Annotated[float, Field(ge=-2.0, le=2.0)]
+Frictions = Annotated[tuple[Friction, Friction], AfterValidator(rising)]
 Clearances = Annotated[
     tuple[Annotated[float, Field(ge=0.0, le=0.1)], Annotated[float, Field(ge=0.0, le=0.1)]],
     AfterValidator(rising),
@@ -50,6 +52,8 @@ class PlantVariation:
     """inclination of the exosuit at its base [rad], positive away from the finger"""
     mount_offset: Distances | None = None
     """distance of the exosuit's base from the finger's, along the finger [m]"""
+    friction: Frictions | None = None
+    """change of the coefficient of friction, in systems with friction [-]"""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -72,6 +76,8 @@ class Variant:
     """Inclination of the exosuit at its base beyond the nominal one [rad]."""
     mount_offset: Distance = 0.0
     """Distance of its base along the finger beyond the nominal one [m]."""
+    friction: Friction = 0.0
+    """Coefficient of friction beyond the nominal one [-]."""
 
 
 NOMINAL = Variant()
@@ -89,7 +95,7 @@ def draw_variant(variation: PlantVariation, seed: int, shape_id: int) -> Variant
     if seed < 0 or shape_id < 0:
         raise InputError(f"seed and shape_id: expected whole numbers ≥ 0, got {seed} and {shape_id}")
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM, shape_id)))
-    share = rng.random(13).tolist()  # always all of them, so that the switches do not disturb each other
+    share = rng.random(14).tolist()  # always all of them, so that the switches do not disturb each other
 
     def factor(limits: tuple[float, float] | None, at: float) -> float:
         return 1.0 if limits is None else _between(limits, limits[0] * (limits[1] / limits[0]) ** at)
@@ -108,6 +114,7 @@ def draw_variant(variation: PlantVariation, seed: int, shape_id: int) -> Variant
         gap=amount(variation.gap, share[10]),
         mount_angle=amount(variation.mount_angle, share[11]),
         mount_offset=amount(variation.mount_offset, share[12]),
+        friction=amount(variation.friction, share[13]),
     )
 
 
