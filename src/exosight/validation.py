@@ -12,7 +12,9 @@ CONFIG = ConfigDict(extra="forbid")
 """Of every pydantic dataclass: an entry that is not known is refused."""
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z_0-9]{0,31}$")]
-"""Of a system, or of a part of it: letters, digits and underscores, a letter first, at most 32."""
+"""Of a part of a system: letters, digits and underscores, a letter first, at most 32."""
+SystemName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z_0-9-]{0,31}$")]
+"""Of a system: hyphens too."""
 
 
 def rising(limits: tuple[float, float]) -> tuple[float, float]:

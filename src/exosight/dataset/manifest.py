@@ -20,7 +20,7 @@ from exosight.files import check_format, read_file, write_new_file
 from exosight.system.camera import Camera
 from exosight.system.design import Design
 from exosight.system.schema import Schema
-from exosight.validation import CONFIG, Name, first_fault
+from exosight.validation import CONFIG, SystemName, first_fault
 
 FORMAT = 2
 """Version of the layout on disk; a reader takes this one alone."""
@@ -60,7 +60,7 @@ class Manifest:
     """Seed of everything random in it."""
     config: dict[str, JsonValue]
     """The configuration that makes it again."""
-    system: Name
+    system: SystemName
     """Name of the system."""
     schema: Schema
     """Names, units and ranges of its channels, sensors and cameras."""

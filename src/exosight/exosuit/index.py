@@ -1,4 +1,4 @@
-"""The systems `index` and `index-friction`: the published finger and exosuits, with contact of their surfaces.
+"""The systems `index` and `index-friction`: the published finger and exosuits, with contact of surfaces.
 
 The exosuit presses along its whole length on tapered links with round ends, and on itself; zones C0 … share
 what acts between their middles, which lie where the published spheres are.

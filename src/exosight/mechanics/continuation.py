@@ -66,14 +66,15 @@ def stepper(
         taken = jnp.where(verdict.arrived, tangent, jnp.where(descending, flow, correction))
         free = evaluator.step_fraction(pose, taken)
         by_t = segment.span @ here.load_gradient
-        moved_on = verdict.arrived | (descending & accepted & ~state.descent.fresh)
+        going = descending & accepted & ~state.descent.fresh & ~descent.near_rest(moved)
+        moved_on = verdict.arrived | going
         memories = tuple(
             jnp.where(moved_on, new, old) for new, old in zip(remembered, state.memories, strict=True)
         )
         state = state._replace(memories=memories)
         state = _settle(state, problem, segment, point, verdict, moved, tangent)
         # What is remembered changes the forces of a descent, so they are found again at the same pose.
-        again = descending & accepted & ~state.descent.fresh if remembered else jnp.array(False)
+        again = going if remembered else jnp.array(False)
         ways = Directions(correction, flow, shift, accepted, free, by_t, again)
         return next_trial(state, problem, point, verdict, ways)
 

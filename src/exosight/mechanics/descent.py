@@ -22,6 +22,10 @@ LARGEST = 0.5
 """Largest step of a descent, relative to `Metric.range`."""
 
 
+NEAR = 1e-3
+"""Residual from which on Newton's method alone finds the end of a descent with friction."""
+
+
 class Descent(NamedTuple):
     """Where a descent is.
 
@@ -66,8 +70,8 @@ def accept(
     hidden = (jnp.abs(model) < noise) & (change > -noise)
     ratio = change / jnp.where(jnp.abs(model) > 0, model, -1e-300)
     good = jnp.where(hidden, (residual <= descent.residual) | ~descent.convex, (change < 0) & (ratio > 0.1))
-    if there.coupling is not None:  # Newton's step need not lead downhill then
-        good = good | (residual <= 0.5 * descent.residual)
+    if there.coupling is not None:  # between stick and slip, Newton's method need not lead downhill
+        good = good | (near_rest(descent) & (residual < 100 * NEAR) & (fraction >= 1))
     if not conservative:
         good = residual <= (1 - 1e-4 * fraction) * descent.residual
     accepted = descent.fresh | (good & jnp.isfinite(residual))
@@ -85,6 +89,11 @@ def accept(
     )
     radius = jnp.minimum(radius, LARGEST * metric.range(q))
     return descent._replace(q=q, here=here, residual=residual, radius=radius), accepted
+
+
+def near_rest(descent: Descent) -> Bool[AnyArray, ""]:
+    """Whether a descent with friction is about to end, within one step of what is remembered."""
+    return descent.convex & (descent.residual < NEAR)
 
 
 def direction(

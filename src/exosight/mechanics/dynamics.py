@@ -189,6 +189,8 @@ def _checked(
         raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
     if not robots[0].dofs:
         raise InputError("robots: expected some that can move, got no coordinates")
+    if robots[0].memories:
+        raise InputError("robots: friction acts in quasi-static paths only; leave it out of a motion")
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or len(times) < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
         raise InputError("times: expected at least two finite, ascending times [s]")

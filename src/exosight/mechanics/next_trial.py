@@ -17,6 +17,9 @@ PUSH = 0.003
 """First step from the end of a branch, along the tangent there, and first trust radius of the descent;
 relative to `Metric.range`."""
 
+ROUGHLY = 1e-4
+"""In the place of NEGLIGIBLE for robots with friction."""
+
 MARGIN = 0.02
 """How far before a corner to look for the last equilibrium first, relative to the way there."""
 
@@ -71,7 +74,9 @@ def next_trial(
     anchor = state.anchor._replace(reach=reach)
     state = state._replace(anchor=anchor)
     scale = metric.size(anchor.q) + metric.unit
-    narrow = NEGLIGIBLE * scale / jnp.maximum(metric.force(ways.by_t), 1e-300)
+    # Where friction is integrated to first order only, ends of branches need not be known better.
+    negligible = ROUGHLY if state.memories else NEGLIGIBLE
+    narrow = negligible * scale / jnp.maximum(metric.force(ways.by_t), 1e-300)
     beyond = _beyond(state, point, verdict)
     look = branch.bracket(metric, anchor, beyond, narrow)
     plan = _plan(state, problem, verdict, beyond.known, look, narrow)
@@ -171,7 +176,7 @@ def _plan(
     s = jnp.minimum(s, longest)
 
     cornered = at_corner & (corner <= narrow * speed)
-    nothing_near = failed & (s < NEGLIGIBLE * (metric.size(anchor.q) + metric.unit))
+    nothing_near = failed & (s < (ROUGHLY if state.memories else NEGLIGIBLE) * (metric.size(anchor.q) + metric.unit))
     ended = (narrowed & look.found) | nothing_near | cornered | lost
     easy = arrived & along & ~known & (speed * (1 - anchor.t) < 2 * state.s)
     to_go = verdict.passed | (arrived & ~along) | easy | (narrowed & (look.t >= 1))

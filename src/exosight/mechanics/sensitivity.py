@@ -43,7 +43,7 @@ def differentiable(
     """
     q = jax.lax.stop_gradient(jnp.asarray(q))
     here, _ = potential(robot)(q, jnp.asarray(loads))
-    still, hessian = jax.lax.stop_gradient((here.gradient, here.hessian))
+    still, hessian = jax.lax.stop_gradient((here.gradient, here.jacobian))
     factor = jnp.linalg.cholesky(jax.lax.stop_gradient(metric_of(robot)))
     inverse = jax.scipy.linalg.solve_triangular(factor, jnp.eye(len(q)), lower=True)
     whitened = inverse @ hessian @ inverse.T

@@ -16,7 +16,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from exosight.errors import InputError
-from exosight.validation import CONFIG, Name, check_name, check_unique, first_fault
+from exosight.validation import CONFIG, Name, SystemName, check_name, check_unique, first_fault
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Unit = Annotated[str, Field(max_length=16, pattern=r"^[A-Za-zµ°%Ω][A-Za-z0-9µ°%Ω/^ .-]*$")]
@@ -92,7 +92,7 @@ class Schema:
     has another unit or is counted twice.
     """
 
-    system: Name
+    system: SystemName
     channels: Annotated[tuple[Channel, ...], Field(min_length=1, max_length=64)]
     sensors: Annotated[tuple[SensorSpec, ...], Field(min_length=1, max_length=1024)]
     cameras: Annotated[tuple[ViewSpec, ...], Field(min_length=1, max_length=64)]
