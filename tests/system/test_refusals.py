@@ -28,6 +28,8 @@ def vary(entry: str, low: str, high: str) -> tuple[str, str]:
     return HEAD, f'{HEAD}vary = [{{ entry = "{entry}", low = {low}, high = {high} }}]\n'
 
 
+ROW = '[sensors.row]\ntype = "force_per_length"\nsurface = "skin"\n'
+
 FAULTS: list[tuple[tuple[str, str], str]] = [
     ((YOUNG, 'yung = "3 kPa"'), "rods.soft.yung: there is no such entry; did you mean young?"),
     ((YOUNG, YOUNG + "\ncolour = 1"), "rods.soft.colour: there is no such entry; there are length, radius,"),
@@ -90,6 +92,14 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
     (
         ('type = "joint_angle"\nbody = "tip"', 'type = "joint_angle"\nbody = "soft"'),
         "sensors.flexion.body: expected a link",
+    ),
+    (
+        ("[sensors.sum]", '[sensors.c]\ntype = "centre_of_pressure"\nsurface = "pads"\n[sensors.sum]'),
+        "sensors.c.surface: expected a tube for type centre_of_pressure, got pads",
+    ),
+    (
+        ('type = "joint_angle"', 'type = "joint_angle"\ncomponent = "normal"'),
+        "sensors.flexion: component: it has no effect with type joint_angle",
     ),
     (("[sensors.flexion]", '[sensors."a b"]'), "expected a name of at most 32 letters"),
     (('name = "small"', 'name = "\\u001b[31m"'), "name: expected a name"),
@@ -231,6 +241,30 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
             ('radius = ["8 mm", "6 mm"]', 'radius = ["36 mm", "6 mm"]'),
             "contacts.press: expected links longer than their radii differ, else one end holds the other, "
             "got tip, 30 mm long, with radii that differ by 30 mm",
+        ),
+        (
+            ("[sensors.sum]", f"{ROW}[sensors.sum]"),
+            "sensors.row: expected places for a sensor of type force_per_length, got none",
+        ),
+        (
+            ("[sensors.sum]", f"{ROW}places = 1\n[sensors.sum]"),
+            "sensors.row.places: expected at least 2, got '1'",
+        ),
+        (
+            ("[sensors.sum]", f"{ROW}places = 5\nestimated = true\n[sensors.sum]"),
+            "sensors.row: estimated: it has no effect with type force_per_length",
+        ),
+        (
+            ('["near", "far"]', f'["near", "row_0"]\n{ROW}places = 5'),
+            "sensors: sensor sum: it sums row_0, which is no sensor before it",
+        ),
+        (
+            ("[sensors.sum]\ntype", f"{ROW}places = 2\n[sensors.row_0]\ntype"),
+            "sensors: expected different names, got row_0 twice",
+        ),
+        (
+            ('surface = "skin"\nat = "20 mm"', 'surface = "skin"\nat = "20 mm"\ncomponent = "shear"'),
+            "sensors.near.component: expected 'magnitude', 'normal' or 'tangential', got 'shear'",
         ),
         (('at = "20 mm"', 'at = "71 mm"'), "sensors.near.at: expected at most 0.07 m, the length of skin"),
         (('at = "20 mm"', 'at = "55 mm"'), "sensors.near.at: expected another place than that of far"),

@@ -14,7 +14,6 @@ from exosight.evaluation.figures.style import styled
 from exosight.mechanics import Link, PressureLine, walk
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
-from exosight.system.sensors import ContactForce
 from exosight.system.surfaces import PlaneSurface, SphereSurface, TubeSurface, zone_middle, zone_radius
 from exosight.system.system import System
 from exosight.vision.renderer import Tube, render
@@ -80,7 +79,7 @@ def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
 
 def _draw_zones(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
     """A circle of the surface's radius at the middle of each zone, and its name below."""
-    zones = [sensor for sensor in system.sensors if isinstance(sensor, ContactForce)]
+    zones = system.zones
     surfaces = {surface.name: surface for surface in system.surfaces}
     colours = colormaps["tab10"] if len(zones) <= 10 else colormaps["tab20"]
     for number, zone in enumerate(zones):

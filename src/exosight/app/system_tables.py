@@ -12,7 +12,15 @@ from exosight.mechanics.tree import Body
 from exosight.system.camera import Camera
 from exosight.system.description import VaryTable
 from exosight.system.schema import Channel
-from exosight.system.sensors import ContactForce, JointAngle, NetForce, PlaceZone, Sensor, SphereZone
+from exosight.system.sensors import (
+    ContactForce,
+    ForcePerLength,
+    JointAngle,
+    NetForce,
+    PlaceZone,
+    Sensor,
+    SphereZone,
+)
 from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface
 from exosight.system.system import ContactTerm, System
 
@@ -100,12 +108,12 @@ def _channels(channels: Sequence[Channel]) -> Table:
 
 def _sensors(sensors: Sequence[Sensor]) -> Table:
     columns = (
-        *(Column("sensor"), Column("quantity"), Column("unit"), Column("of")),
+        *(Column("sensor"), Column("quantity"), Column("component"), Column("unit"), Column("of")),
         *(Column("estimated"), Column("limit")),
     )
     rows = tuple(
         (
-            *(each.spec.name, each.spec.quantity, each.spec.unit, _measured(each)),
+            *(each.spec.name, each.spec.quantity, _component(each), each.spec.unit, _measured(each)),
             *("yes" if each.spec.estimated else "no", each.spec.limit),
         )
         for each in sensors
@@ -113,14 +121,19 @@ def _sensors(sensors: Sequence[Sensor]) -> Table:
     return Table("sensors", "Sensors", columns, rows)
 
 
+def _component(sensor: Sensor) -> str | None:
+    """What a sensor of a force reads; others have no components."""
+    return sensor.spec.component if isinstance(sensor, ContactForce | ForcePerLength) else None
+
+
 def _measured(sensor: Sensor) -> str:
     match sensor:
-        case ContactForce():
-            return f"{sensor.surface} {_zone(sensor.zone)}"
         case NetForce():
             return " + ".join(sensor.spec.parts)
         case JointAngle():
             return f"{sensor.body}, coordinate {sensor.coordinate}"
+        case _:
+            return f"{sensor.surface} {_zone(sensor.zone)}"
 
 
 def _stiffness_unit(term: ContactTerm) -> str:
@@ -132,6 +145,8 @@ def _zone(zone: SphereZone | PlaceZone) -> str:
     """Numbers of spheres, or the distance along a tube."""
     if isinstance(zone, SphereZone):
         return ", ".join(map(str, zone.spheres))
+    if len(zone.middles) == 1:
+        return "whole"
     return f"at {1e3 * float(zone.middle):.3g} mm"
 
 

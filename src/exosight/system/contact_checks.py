@@ -56,12 +56,12 @@ def check_contact(
     pose = rest_poses(tree)
     first = _balls(term.first, tree, pose)
     gap, radius = _gaps(term, first, tree, pose)
-    deepest = np.argmin(gap + OVERLAP * radius)
-    if gap.flat[deepest] < -OVERLAP * radius.flat[deepest]:
+    worst = np.argmin(gap + OVERLAP * radius)
+    overlap, most = -1e3 * gap.flat[worst], 1e3 * OVERLAP * radius.flat[worst]
+    if overlap > most:
         raise InputError(
-            f"{place}: expected surfaces that overlap at rest by at most half their radius, "
-            f"here {1e3 * OVERLAP * radius.flat[deepest]:.3g} mm, got {-1e3 * gap.flat[deepest]:.3g} mm; move them "
-            "apart"
+            f"{place}: expected surfaces that overlap at rest by at most half their radius, here {most:.3g} mm, "
+            f"got {overlap:.3g} mm; move them apart"
         )
 
 

@@ -13,6 +13,7 @@ from pydantic import Discriminator, Field, Tag
 from pydantic.dataclasses import dataclass
 
 from exosight.system.camera import LARGEST_SIDE
+from exosight.system.schema import Component
 from exosight.system.units import (
     Acceleration,
     Angle,
@@ -229,15 +230,20 @@ class ActuatorTable:
 
 @dataclass(frozen=True, config=CONFIG)
 class SensorTable:
-    """A named scalar."""
+    """A named scalar, or a row of them along a tube."""
 
-    type: Literal["contact_force", "net_force", "joint_angle"]
+    type: Literal["contact_force", "net_force", "joint_angle", "force_per_length", "centre_of_pressure"]
     surface: Name | None = None
-    """of a contact force: the surface that it acts on; all of a plane is one zone"""
+    """that is pressed on, of a plane all; of a force per length or a centre of pressure: a tube"""
     spheres: Annotated[tuple[Sphere, ...], Field(min_length=1, max_length=1000)] | None = None
     """of a contact force: the zone, as numbers of spheres on that surface"""
     at: Annotated[Distance, Field(ge=0)] | None = None
-    """of a contact force on a tube: the zone's middle, as a distance along it; neighbours share forces"""
+    """of a contact force or a centre of pressure on a tube: the zone's middle, as a distance along it;
+    neighbours share forces; without: the centre of pressure of all of the tube"""
+    places: Annotated[int, Field(ge=2, le=200)] | None = None
+    """of a force per length: how many zones of equal length the tube has; sensor NAME_0 is of the first"""
+    component: Component = "magnitude"
+    """of a contact force or a force per length: of all of it, or of its normal or tangential part"""
     body: Name | None = None
     """of a joint angle: the link behind the joint; of a contact force: all spheres on it are the zone"""
     coordinate: Annotated[int, Field(ge=0, le=2)] = 0
@@ -253,14 +259,21 @@ class SensorTable:
         _refuse_unused(
             self,
             {
-                "contact_force": ("surface", "spheres", "at", "body", "estimated", "limit"),
+                "contact_force": ("surface", "spheres", "at", "body", "component", "estimated", "limit"),
                 "net_force": ("parts", "limit"),
                 "joint_angle": ("body", "coordinate", "estimated"),
+                "force_per_length": ("surface", "places", "component"),
+                "centre_of_pressure": ("surface", "at"),
             },
         )
-        needed = {"contact_force": "surface", "net_force": "parts", "joint_angle": "body"}[self.type]
-        if getattr(self, needed) is None:
-            raise ValueError(f"expected {needed} for a sensor of type {self.type}, got none")
+        needed = {
+            "net_force": ("parts",),
+            "joint_angle": ("body",),
+            "force_per_length": ("surface", "places"),
+        }.get(self.type, ("surface",))
+        for entry in needed:
+            if getattr(self, entry) is None:
+                raise ValueError(f"expected {entry} for a sensor of type {self.type}, got none")
         zone = [name for name in ("spheres", "body", "at") if getattr(self, name) is not None]
         if len(zone) > 1:
             raise ValueError(f"expected the zone as one of spheres, body and at, got {' and '.join(zone)}")

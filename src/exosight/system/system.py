@@ -20,7 +20,15 @@ from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.camera import Camera
 from exosight.system.contact_checks import check_contact
 from exosight.system.schema import Channel, Schema, ViewSpec
-from exosight.system.sensors import ContactForce, JointAngle, PlaceZone, Sensor, SphereZone
+from exosight.system.sensors import (
+    CentreOfPressure,
+    ContactForce,
+    ForcePerLength,
+    JointAngle,
+    PlaceZone,
+    Sensor,
+    SphereZone,
+)
 from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface, TubeSurface
 from exosight.validation import check_name, check_unique
 
@@ -63,7 +71,7 @@ def _contact_term(contact: Contact, surfaces: Mapping[str, Surface], tree: Tree)
     )
 
 
-def _check_zone(sensor: ContactForce, surface: Surface) -> None:
+def _check_zone(sensor: ContactForce | ForcePerLength | CentreOfPressure, surface: Surface) -> None:
     """InputError for a zone that is not on its surface."""
     match sensor.zone, surface:
         case SphereZone(spheres), SphereSurface():
@@ -73,7 +81,9 @@ def _check_zone(sensor: ContactForce, surface: Surface) -> None:
                     f"sensor {sensor.spec.name}: expected spheres 0…{count - 1} of {surface.name}, got "
                     f"{spheres}"
                 )
-        case PlaceZone(), TubeSurface() | PlaneSurface():
+        case PlaceZone(), TubeSurface():
+            return
+        case PlaceZone(), PlaneSurface() if isinstance(sensor, ContactForce):
             return
         case _:
             raise InputError(
@@ -134,7 +144,7 @@ class System(eqx.Module):
                 check_name(f"surface of contact {contact.name}", side, surfaces)
             check_contact(f"contacts.{contact.name}", _contact_term(contact, surfaces, tree), tree)
         for sensor in self.sensors:
-            if isinstance(sensor, ContactForce):
+            if isinstance(sensor, ContactForce | ForcePerLength | CentreOfPressure):
                 check_name(f"surface of sensor {sensor.spec.name}", sensor.surface, surfaces)
                 _check_zone(sensor, surfaces[sensor.surface])
             if isinstance(sensor, JointAngle):
@@ -160,6 +170,17 @@ class System(eqx.Module):
             tuple(sensor.spec for sensor in self.sensors),
             tuple(ViewSpec(name, camera.width, camera.height) for name, camera in self.cameras),
         )
+
+    @property
+    def zones(self) -> tuple[ContactForce, ...]:
+        """The zones whose contact forces are read: of each the first sensor, in the order of the sensors."""
+        found: dict[tuple[str, int | tuple[int, ...]], ContactForce] = {}
+        for sensor in self.sensors:
+            if isinstance(sensor, ContactForce):
+                zone = sensor.zone
+                place = zone.number if isinstance(zone, PlaceZone) else zone.spheres
+                found.setdefault((sensor.surface, place), sensor)
+        return tuple(found.values())
 
     @property
     def tubes(self) -> tuple[TubeSurface, ...]:
