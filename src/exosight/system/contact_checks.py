@@ -60,8 +60,8 @@ def check_contact(
     overlap, most = -1e3 * gap.flat[worst], 1e3 * OVERLAP * radius.flat[worst]
     if overlap > most:
         raise InputError(
-            f"{place}: expected surfaces that overlap at rest by at most half their radius, here {most:.3g} mm, "
-            f"got {overlap:.3g} mm; move them apart"
+            f"{place}: expected surfaces that overlap at rest by at most half their radius, "
+            f"here {most:.3g} mm, got {overlap:.3g} mm; move them apart"
         )
 
 
