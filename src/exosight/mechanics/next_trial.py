@@ -176,7 +176,9 @@ def _plan(
     s = jnp.minimum(s, longest)
 
     cornered = at_corner & (corner <= narrow * speed)
-    nothing_near = failed & (s < (ROUGHLY if state.memories else NEGLIGIBLE) * (metric.size(anchor.q) + metric.unit))
+    nothing_near = failed & (
+        s < (ROUGHLY if state.memories else NEGLIGIBLE) * (metric.size(anchor.q) + metric.unit)
+    )
     ended = (narrowed & look.found) | nothing_near | cornered | lost
     easy = arrived & along & ~known & (speed * (1 - anchor.t) < 2 * state.s)
     to_go = verdict.passed | (arrived & ~along) | easy | (narrowed & (look.t >= 1))
