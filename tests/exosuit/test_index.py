@@ -5,13 +5,16 @@ import numpy as np
 import pytest
 
 from exosight.dataset.simulation import crosses_itself
-from exosight.exosuit.index import index
+from exosight.errors import InputError
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.index import index, index_friction
 from exosight.exosuit.published import published
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.mechanics import walk
-from exosight.system.observation import contact_forces
+from exosight.mechanics.friction import Held
+from exosight.system.observation import contact_forces, observe
 from exosight.system.simulation import SystemStates, simulate_path
-from exosight.system.system import System
+from exosight.system.system import System, stack_systems
 
 SHAPE = ExosuitShape(Linear(r0=0.01, r1=0.005), length=0.095)
 UP = np.linspace(0, 4, 21)
@@ -55,3 +58,39 @@ def test_zones_sum_to_what_the_exosuit_presses_with(path: SystemStates, system: 
 def test_the_exosuit_does_not_cross_itself(path: SystemStates) -> None:
     assert path.equilibria.converged.all()
     assert not crosses_itself(np.asarray(path.observation.axes["exosuit"])).any()
+
+
+@pytest.fixture(scope="module")
+def rough() -> System:
+    """With friction."""
+    return index_friction(SHAPE)
+
+
+def test_friction_holds_what_it_can_and_loses_energy(rough: System) -> None:
+    """Up to 2.4 N and back to 1.2 N: no more than μ of what presses, and more force on the way back."""
+    way = np.concatenate([UP[:13], UP[11:5:-1]])
+    states = simulate_path(rough, way[:, None])
+    found, seen = states.equilibria, states.observation
+    names = [sensor.name for sensor in rough.schema.sensors]
+    net = seen.readings[:, names.index("F_net")]
+    assert net[14] > net[10] + 0.005  # both at 2 N
+    assert way[14] == pytest.approx(way[10])
+    mu, (press, _) = 0.3, rough.contacts
+    assert press.friction == pytest.approx(mu)
+    (memory,) = found.history
+    lost = Held.of(jnp.asarray(memory.reshape(-1, memory.shape[-1]))).dissipated.reshape(len(way), -1)
+    assert (np.diff(lost.sum(axis=1)) >= -1e-15).all()
+    assert lost[-1].sum() > 1e-4
+    robot = rough.robot.with_memories((memory[12],))
+    on = contact_forces(rough, robot, walk(robot, jnp.asarray(found.q[12])))["finger"]
+    held = np.linalg.norm(on.part("tangential"), axis=1).sum()
+    assert 0.5 * mu < held / np.linalg.norm(on.normal, axis=1).sum() <= mu * (1 + 1e-9)
+    np.testing.assert_allclose(seen.forces[12].sum(axis=0), np.asarray(on.force).sum(axis=0), atol=1e-13)
+    with pytest.raises(InputError, match="history: expected 1 arrays"):
+        observe(stack_systems([rough]), found.q[None, :1])
+
+
+def test_without_a_coefficient_friction_does_nothing(path: SystemStates) -> None:
+    smooth = simulate_path(index_friction(Exosuit(SHAPE, friction=0.0)), UP[:13, None])
+    # Branches end where they do to 1e-4 of the forces with friction, and loads below are reached by Newton.
+    np.testing.assert_allclose(smooth.equilibria.q, path.equilibria.q[:13], atol=1e-8)

@@ -30,8 +30,8 @@ def both(robot: Robot, q: np.ndarray, loads: np.ndarray, step: np.ndarray) -> li
     assert program is not None
 
     def run(evaluator: Evaluator, q: jax.Array, loads: jax.Array, step: jax.Array) -> list:
-        found, pose = evaluator.evaluate(q, loads)
-        return [*found, evaluator.step_fraction(pose, step)]
+        found, _, pose = evaluator.evaluate(q, loads, ())
+        return [*jax.tree.leaves(found), evaluator.step_fraction(pose, step)]
 
     def of(make: Any) -> list[np.ndarray]:
         return jax.jit(
@@ -136,8 +136,8 @@ def test_other_processors(processor: str, features: str, monkeypatch: pytest.Mon
     q = np.random.default_rng(1).normal(size=(1, robots[0].dofs)) * 0.1
 
     def energy(robot: Robot, q: jax.Array) -> jax.Array:
-        return by_program(program, robot).evaluate(q, jnp.ones(1))[0].hessian
+        return by_program(program, robot).evaluate(q, jnp.ones(1), ())[0].hessian
 
     found = jax.jit(jax.vmap(energy))(batch, q)
-    expected = jax.jit(jax.vmap(lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1))[0].hessian))(batch, q)
+    expected = jax.jit(jax.vmap(lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1), ())[0].hessian))(batch, q)
     np.testing.assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max())
