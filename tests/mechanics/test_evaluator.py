@@ -139,5 +139,7 @@ def test_other_processors(processor: str, features: str, monkeypatch: pytest.Mon
         return by_program(program, robot).evaluate(q, jnp.ones(1), ())[0].hessian
 
     found = jax.jit(jax.vmap(energy))(batch, q)
-    expected = jax.jit(jax.vmap(lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1), ())[0].hessian))(batch, q)
+    expected = jax.jit(jax.vmap(lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1), ())[0].hessian))(
+        batch, q
+    )
     np.testing.assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max())
