@@ -17,6 +17,5 @@ def compiled(function: Callable) -> Callable:
 
 
 def inlined(function: Callable) -> Callable:
-    """Compile as a part of the functions that call it: for what is called once a pixel, where a call would take
-    longer than what it does."""
+    """Compile as a part of the functions that call it, for what is so short that the call itself counts."""
     return njit(inline="always")(function)

@@ -1,14 +1,17 @@
 """Tubes drawn in depth order: every pixel shows the surface that is nearest to the camera.
 
-Tube by tube, a pixel looks up the sphere whose edge it is deepest in. Where a tube lies before itself, each
-of the strands that a pixel sees has a sphere of its own. Of two spheres the share of the pixel that lies in
-both outlines is divided along the edge at which their surfaces meet: the plane of equal power,
+Tube by tube, a pixel looks up the sphere whose edge it is deepest in, of a tube that is tilted the one whose
+surface is nearest to the camera; where a tube lies before or on itself, one for each of its strands. Of two
+spheres, the share of the pixel that lies in both outlines is divided along the edge at which their surfaces
+meet. It lies in the plane of equal power,
 
-    |p − c₁|² − r₁² = |p − c₂|² − r₂².
+    |p − c₁|² − r₁² = |p − c₂|² − r₂²,
 
-So bodies that pass into each other share one boundary, and nothing is seen of either within the other. Two
-of radii r₁ and r₂ that overlap by d give way by d r₂/(r₁ + r₂) and d r₁/(r₁ + r₂), as bodies of one material
-would that flatten; how stiff each is, and that it bulges to the sides, is neglected.
+so bodies that pass into each other share one boundary, and neither is seen within the other. Of two side by
+side that overlap by d, the first one ends d r₂/(r₁ + r₂) before its own outline, to first order in d, and the
+other one d r₁/(r₁ + r₂): the thinner one gives way more. How stiff they are, and that they bulge to their
+sides where they flatten, is neglected. So is what of a tube that is seen from its end lies within the outline
+of a thicker part.
 """
 
 from typing import no_type_check
@@ -124,7 +127,7 @@ def _surface(row, column, distance, lines, number, ends, bright, light):
 @compiled
 @no_type_check
 def _foremost(row, column, number, lines, ends):
-    """Of all spheres of a tilted tube around that of a segment, the one whose surface is nearest to the camera.
+    """Of the spheres of a tilted tube next to a segment's, the one whose surface is nearest to the camera.
 
     returns  how far the surface lies before the centre; from the centre to the pixel; radius and depth
     """
@@ -193,34 +196,31 @@ def _front(surface):
 @compiled
 @no_type_check
 def _merged(one, other):
-    """Two surfaces as one, with the sphere of the one that has the larger share of the pixel."""
-    both, share = _in_both(one, other), _share_in_front(one, other)
-    here, there = one[0] - (1.0 - share) * both, other[0] - share * both
-    cover, gray = here + there, (here * one[1] + there * other[1]) / (here + there)
-    _, _, beside, below, radius, depth = one if here >= there else other
-    return cover, gray, beside, below, radius, depth
+    """Two surfaces as one, with the sphere of the one that has the larger share of the pixel.
 
-
-@compiled
-@no_type_check
-def _in_both(one, other):
-    """The share of a pixel within two outlines, each a straight edge there.
-
-    It is the smaller of their own where they lie on one side, what is left of the pixel where they face each
-    other, their product where they are normal to each other, and linear in the cosine in between.
+    Each outline is a straight edge in the pixel. The share within both is the smaller one where they lie on
+    one side, what is left of the pixel where they face each other, their product where they are normal to
+    each other, and linear in the cosine in between. Where they face each other, so does the edge of depth.
     """
-    a, _, ax, ay, _, _ = one
-    b, _, bx, by, _, _ = other
+    a, gray_a, ax, ay, _, _ = one
+    b, gray_b, bx, by, _, _ = other
     size = np.sqrt((ax * ax + ay * ay) * (bx * bx + by * by))
     cosine = (ax * bx + ay * by) / size if size > 0.0 else 0.0
     extreme = min(a, b) if cosine > 0.0 else max(a + b - 1.0, 0.0)
-    return a * b + abs(cosine) * (extreme - a * b)
+    both = a * b + abs(cosine) * (extreme - a * b)
+    front = _share_in_front(one, other)
+    if cosine < 0.0 and both > 0.0:
+        front -= cosine * (min(max((front + b - 1.0) / both, 0.0), 1.0) - front)
+    here, there = a - (1.0 - front) * both, b - front * both
+    gray = (here * gray_a + there * gray_b) / (here + there)
+    _, _, beside, below, radius, depth = one if here >= there else other
+    return here + there, gray, beside, below, radius, depth
 
 
 @compiled
 @no_type_check
 def _share_in_front(one, other):
-    """Of the pixel within both outlines, the share where the first surface lies before the other.
+    """Of a pixel within both outlines, the share where the first surface lies before the other.
 
     The surface in front ends at the plane of equal power. The power of a point on it against the other
     sphere, divided by twice the distance between the centres, is its distance from that plane.
