@@ -31,9 +31,31 @@ def test_simulate_draws_its_readings_over_the_load(
         assert picture.std() > 10  # not an empty page
 
 
-def test_simulate_draws_any_system(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    main(["simulate", "--system", str(THUMB), "--plot", str(tmp_path / "thumb.svg")])
-    assert (tmp_path / "thumb.svg").read_text().count('<g id="axes_') == 3  # contacts, their sum, angles
+def test_simulate_draws_and_tells_the_force_along_tubes(tmp_path: Path) -> None:
+    text = THUMB.read_text()
+    for old, new in (
+        ('"sleeve_points"\nsecond = "pads"\nstiffness = "1000 N/m"', '"sleeve_tube"\nsecond = "skin"'),
+        ('surface = "pads"\nspheres = [1, 2]', 'surface = "skin"\nat = "20 mm"'),
+        ('surface = "pads"\nspheres = [3, 4]', 'surface = "skin"\nat = "40 mm"'),
+        ('surface = "pads"\nspheres = [5, 6, 7]', 'surface = "skin"\nat = "60 mm"'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "tubes.toml").write_text(text)
+    answer, plot = tmp_path / "path.json", tmp_path / "path.svg"
+    words = ("--u", "2", "4", "--plot", str(plot), "--poses", "--json", str(answer))
+    main(["simulate", "--system", str(tmp_path / "tubes.toml"), *words])
+    assert plot.read_text().count('<g id="axes_') == 5  # contacts, their sum, angles; along both tubes
+    found = json.loads(answer.read_text())
+    assert found["units"]["force_per_length_skin"].startswith("x, y, z in N/m")
+    for record in found["path"]:
+        for name, zone in record["zones"].items():
+            assert zone["magnitude"] == zone["normal"] == pytest.approx(record["readings"][name], abs=1e-12)
+            assert zone["tangential"] == 0
+        on, back = (np.array(record[f"force_per_length_{name}"]) for name in ("skin", "sleeve_tube"))
+        # 20 parts of 38 + 30 mm and of 50 mm; the sleeve presses on nothing else.
+        np.testing.assert_allclose(on.sum(axis=0) * 0.068, -back.sum(axis=0) * 0.05, atol=1e-12)
+        assert np.linalg.norm(on.sum(axis=0) * 0.068 / 20) > 0.05
 
 
 def test_estimate_draws_many_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

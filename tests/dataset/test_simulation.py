@@ -173,7 +173,7 @@ def with_axes(finger: np.ndarray, exosuit: np.ndarray) -> Observation:
     """Nothing but where the tubes are (1, frames, points, 3)."""
     batch = exosuit.shape[:2]
     none = np.zeros((*batch, 0, 3))
-    return Observation(np.zeros((*batch, 0)), none, none, {"finger": finger, "exosuit": exosuit})
+    return Observation(np.zeros((*batch, 0)), none, none, none, {"finger": finger, "exosuit": exosuit})
 
 
 def test_first_cause_wins() -> None:

@@ -11,7 +11,15 @@ from scipy.optimize import minimize_scalar
 from exosight import lie
 from exosight.mechanics import Circular, Gauss, Link, NodalQuadratic, Revolute, Robot, Rod, walk
 from exosight.mechanics.rod import STRAINS
-from exosight.mechanics.surface_contact import SolidContact, Solids, Term, Tube, contacts, line_stiffness
+from exosight.mechanics.surface_contact import (
+    Plane,
+    SolidContact,
+    Solids,
+    Term,
+    Tube,
+    contacts,
+    line_stiffness,
+)
 from exosight.mechanics.tube_contact import FAR, TubeContact
 
 STIFFNESS = 3e5
@@ -46,7 +54,7 @@ class CurlByDifferentiation(TubeContact):
 
 
 def worn(height: float) -> tuple[Robot, SolidContact]:
-    """A rod with all strains above two links on hinges about different axes."""
+    """A rod with all strains above two links on hinges about different axes, and below two planes."""
     soft = rod(STRAINS, Gauss(2, 4), mount=lie.translation(jnp.array([0.0, 0.001, height])))
     site = jnp.zeros((1, 3))
     upper = Link("upper", 0.045, site, joint=Revolute((0.0, 1.0, 0.0), stiffness=0.04))
@@ -55,7 +63,14 @@ def worn(height: float) -> tuple[Robot, SolidContact]:
         (("upper", 0), ("lower", 0)), jnp.array([0.045, 0.025]), jnp.array([[0.011, 0.009], [0.009, 0.006]])
     )
     contact = SolidContact(tube(soft), solids, jnp.array(STIFFNESS))
-    return Robot((soft, upper, lower), (contact,)), contact
+    planes = [
+        SolidContact(tube(soft), Plane(body, jnp.array(point), jnp.array(normal)), jnp.array(STIFFNESS))
+        for body, point, normal in (
+            (None, [0.0, 0.0, 0.0202], [0.0, 0.1, -1.0]),
+            ("lower", [0.0, 0.0, 0.02], [0.1, 0.2, -1.0]),
+        )
+    ]
+    return Robot((soft, upper, lower), (contact, *planes)), contact
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +88,8 @@ def finger_pose(finger: tuple[Robot, SolidContact]) -> np.ndarray:
     at = contact.contacts(robot, walk(robot, jnp.asarray(q)).pose)
     share = np.asarray(at.share[1])
     assert ((share > 0.02) & (share < 0.48) & (np.asarray(at.overlap) > 0)).any(), share
+    for plane in robot.terms[1:]:
+        assert (np.asarray(plane.contacts(robot, walk(robot, jnp.asarray(q)).pose).overlap) > 1e-5).any()
     return q
 
 
@@ -98,8 +115,9 @@ def test_derivatives_on_solids(finger: tuple, finger_pose: np.ndarray, evaluate:
 def test_expansion_on_solids_is_that_of_the_energy(
     finger: tuple, finger_pose: np.ndarray, evaluate: Callable
 ) -> None:
-    robot, contact = finger
-    plain = Robot(robot.bodies, (ByDifferentiation(contact.first, contact.second, contact.stiffness),))
+    robot, _ = finger
+    terms = (ByDifferentiation(each.first, each.second, each.stiffness) for each in robot.terms)
+    plain = Robot(robot.bodies, tuple(terms))
     ours, theirs = (evaluate(each, finger_pose, np.zeros(0))[0] for each in (robot, plain))
     for a, b in zip(ours, theirs, strict=True):
         np.testing.assert_allclose(a, b, atol=1e-12 * max(1.0, np.abs(b).max(initial=0)))
@@ -212,6 +230,20 @@ def test_the_force_of_a_line_does_not_depend_on_the_points(points: Gauss) -> Non
     at = contact.contacts(robot, walk(robot, jnp.zeros(robot.dofs)).pose)
     force = np.asarray(contact.pressure(robot, at))
     assert force.sum() == pytest.approx(STIFFNESS * 1e-4 * (LENGTH + 0.5 * 0.005), rel=1e-10)
+
+
+def test_a_tube_that_lies_on_a_plane() -> None:
+    """0.1 mm deep in a tilted plane of the world: k d a length, along the plane's normal."""
+    up = np.array([0.0, 0.6, 0.8])
+    soft = rod()
+    floor = Plane(None, jnp.asarray(-0.0049 * up), jnp.asarray(2 * up))
+    contact = SolidContact(Tube("rod", jnp.full(FINE.size, 0.005)), floor, jnp.array(STIFFNESS))
+    robot = Robot((soft,), (contact,))
+    at = contact.contacts(robot, walk(robot, jnp.zeros(robot.dofs)).pose)
+    assert float(contact.pressure(robot, at).sum()) == pytest.approx(
+        STIFFNESS * 1e-4 * (LENGTH + 0.5 * 0.005)
+    )
+    np.testing.assert_allclose(at.touches[0].normal, np.tile(up, (FINE.size, 1)), atol=1e-15)
 
 
 def test_stiffness_of_a_line() -> None:

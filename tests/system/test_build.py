@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -13,8 +15,8 @@ from exosight.errors import InputError
 from exosight.mechanics import PressureLine, Rod, drive, walk
 from exosight.mechanics.rod import STRAINS
 from exosight.system.description import Strain
-from exosight.system.observation import contact_forces, observe_state
-from exosight.system.sensors import PlaceZone
+from exosight.system.observation import Observation, contact_forces, observe_state
+from exosight.system.sensors import PlaceZone, SurfaceForces
 from exosight.system.simulation import simulate_system
 from exosight.system.surfaces import SphereSurface
 from exosight.system.system import System
@@ -159,3 +161,61 @@ def test_turns_wind_a_line_once_around(system: Make) -> None:
     assert isinstance(rod, Rod)
     angle = np.unwrap(np.arctan2(offset[:, 2], offset[:, 1]))
     np.testing.assert_allclose(angle, 2 * np.pi * rod.quadrature.points, atol=1e-12)
+
+
+FLOOR_AND_DRUM = """
+[links.drum]
+length = "30 mm"
+radius = ["6 mm", "6 mm"]
+position = ["70 mm", "-15 mm", "-12 mm"]
+rotation = ["0 deg", "0 deg", "90 deg"]
+
+[surfaces.roll]
+type = "tube"
+bodies = ["drum"]
+
+[surfaces.floor]
+type = "plane"
+position = ["0 mm", "0 mm", "-26 mm"]
+
+[contacts.stand]
+first = "floor"
+second = "skin"
+stiffness = "20 kN/m"
+
+[contacts.knock]
+first = "roll"
+second = "skin"
+stiffness = "20 kN/m"
+
+[contacts.wrap]
+first = "roll"
+second = "soft_points"
+
+[sensors.floor]
+type = "contact_force"
+surface = "floor"
+
+[sensors.sum]"""
+
+
+def test_planes_and_drums_of_a_file(system: Make, tubes: list) -> None:
+    """A finger whose end sinks into a floor; a drum is a link that is fixed in the world."""
+    hand = system(*tubes, ("[sensors.sum]", FLOOR_AND_DRUM))
+    kinds = [type(term).__name__ for term in hand.contact_terms]
+    assert kinds == ["SolidContact", "RigidContact", "RigidContact", "SolidContact"]
+    q = np.zeros(hand.robot.dofs)
+    q[hand.robot.dof_slice("base")] = q[hand.robot.dof_slice("tip")] = angle = 0.219
+    depth = 0.04 * np.sin(angle) + 0.03 * np.sin(2 * angle) + 0.006 - 0.026
+
+    @eqx.filter_jit
+    def read(hand: System, q: jax.Array) -> tuple[Observation, dict[str, SurfaceForces]]:
+        return observe_state(hand, q), contact_forces(hand, hand.robot, walk(hand.robot, q))
+
+    at, on = read(hand, jnp.asarray(q))
+    floor = [sensor.spec.name for sensor in hand.sensors].index("floor")
+    assert float(at.readings[floor]) == pytest.approx(20e3 * depth)
+    forces = {name: np.asarray(each.force).sum(axis=0) for name, each in on.items()}
+    np.testing.assert_allclose(forces["floor"], [0, 0, -20e3 * depth], atol=1e-9)
+    assert np.linalg.norm(forces["roll"]) > 1
+    np.testing.assert_allclose(sum(forces.values()), 0, atol=1e-9)

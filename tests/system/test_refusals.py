@@ -25,6 +25,8 @@ def vary(entry: str, low: str, high: str) -> tuple[str, str]:
     return HEAD, f'{HEAD}vary = [{{ entry = "{entry}", low = {low}, high = {high} }}]\n'
 
 
+ROW = '[sensors.row]\ntype = "force_per_length"\nsurface = "skin"\n'
+
 FAULTS: list[tuple[tuple[str, str], str]] = [
     ((YOUNG, 'yung = "3 kPa"'), "rods.soft.yung: there is no such entry; did you mean young?"),
     ((YOUNG, YOUNG + "\ncolour = 1"), "rods.soft.colour: there is no such entry; there are length, radius,"),
@@ -87,6 +89,14 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
     (
         ('type = "joint_angle"\nbody = "tip"', 'type = "joint_angle"\nbody = "soft"'),
         "sensors.flexion.body: expected a link",
+    ),
+    (
+        ("[sensors.sum]", '[sensors.c]\ntype = "centre_of_pressure"\nsurface = "pads"\n[sensors.sum]'),
+        "sensors.c.surface: expected a tube for type centre_of_pressure, got pads",
+    ),
+    (
+        ('type = "joint_angle"', 'type = "joint_angle"\ncomponent = "normal"'),
+        "sensors.flexion: component: it has no effect with type joint_angle",
     ),
     (("[sensors.flexion]", '[sensors."a b"]'), "expected a name of at most 32 letters"),
     (('name = "small"', 'name = "\\u001b[31m"'), "name: expected a name"),
@@ -184,15 +194,39 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
                 "[sensors.sum]",
                 '[contacts.hard]\nfirst = "skin"\nsecond = "soft_points"\nstiffness = "1 N/m"\n[sensors.sum]',
             ),
-            "contacts.hard: expected line_stiffness, not stiffness, between tubes",
+            "contacts.hard: expected line_stiffness, not stiffness, for contact of a rod",
         ),
         (
             ("[sensors.sum]", '[contacts.mixed]\nfirst = "pads"\nsecond = "soft_points"\n[sensors.sum]'),
-            "contact mixed: expected two surfaces of spheres, or two tubes",
+            "contacts.mixed: expected both surfaces of spheres or none, got one",
         ),
         (
             ("[sensors.sum]", '[contacts.bones]\nfirst = "skin"\nsecond = "skin"\n[sensors.sum]'),
-            "contacts.bones: both surfaces are on base, which is no rod on its own",
+            "contacts.bones: both surfaces are on base; only the tube of a rod can press on itself",
+        ),
+        (
+            ("[sensors.sum]", f"{ROW}[sensors.sum]"),
+            "sensors.row: expected places for a sensor of type force_per_length, got none",
+        ),
+        (
+            ("[sensors.sum]", f"{ROW}places = 1\n[sensors.sum]"),
+            "sensors.row.places: expected at least 2, got '1'",
+        ),
+        (
+            ("[sensors.sum]", f"{ROW}places = 5\nestimated = true\n[sensors.sum]"),
+            "sensors.row: estimated: it has no effect with type force_per_length",
+        ),
+        (
+            ('["near", "far"]', f'["near", "row_0"]\n{ROW}places = 5'),
+            "sensors: sensor sum: it sums row_0, which is no sensor before it",
+        ),
+        (
+            ("[sensors.sum]\ntype", f"{ROW}places = 2\n[sensors.row_0]\ntype"),
+            "sensors: expected different names, got row_0 twice",
+        ),
+        (
+            ('surface = "skin"\nat = "20 mm"', 'surface = "skin"\nat = "20 mm"\ncomponent = "shear"'),
+            "sensors.near.component: expected 'magnitude', 'normal' or 'tangential', got 'shear'",
         ),
         (('at = "20 mm"', 'at = "71 mm"'), "sensors.near.at: expected at most 0.07 m, the length of skin"),
         (('at = "20 mm"', 'at = "55 mm"'), "sensors.near.at: expected another place than that of far"),

@@ -116,6 +116,10 @@ def test_a_network_serves_every_system_with_its_estimated_sensors_and_cameras() 
         ({"channels": (SCHEMA.channels[0],) * 2}, "channels: expected different names, got u twice"),
         ({"sensors": (SCHEMA.sensors[0],) * 2}, "sensors: expected different names, got a twice"),
         ({"sensors": SCHEMA.sensors[3:]}, "sensor sum: it sums a, which is no sensor before it"),
+        (
+            {"sensors": (SCHEMA.sensors[5], replace(SCHEMA.sensors[3], parts=("angle",)))},
+            "sensor sum: it sums angle, which is in rad, not N",
+        ),
         ({"cameras": ()}, "at least 1"),
     ],
 )

@@ -1,6 +1,6 @@
 """`--plot FILE`: what a command found as one figure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +17,11 @@ from exosight.control.trials import Trial
 from exosight.evaluation.figures import Curve, Panel, curves, to_bytes
 from exosight.files import write_new_file
 from exosight.system.schema import Schema
+from exosight.system.system import System
 
 TIME = "time [s]"
+MOST_PROFILES = 6
+"""Loads of which profiles are drawn in one panel; more are picked evenly."""
 
 
 def write_plot(figure: Figure, path: Path) -> None:
@@ -28,27 +31,72 @@ def write_plot(figure: Figure, path: Path) -> None:
 
 
 def plot_path(
-    schema: Schema,
+    system: System,
     commands: Float[np.ndarray, "loads channels"],
     readings: Float[AnyArray, "loads sensors"],
+    profiles: Mapping[str, np.ndarray],
     lost: Sequence[bool],
 ) -> Figure:
-    """The readings of a system over its command; of several channels over the number of the load.
+    """The readings of a system over its command, of several channels over the number of the load; and the
+    force per length along its tubes.
 
-    lost   loads without an equilibrium, which are left out
+    profiles   of all loads, see `force_profiles`
+    lost       loads without an equilibrium, which are left out
     """
+    schema = system.schema
     if len(schema.channels) == 1:
         (channel,) = schema.channels
         x, label = commands[:, 0], f"{channel.name} [{channel.unit}]"
+        names = [f"{channel.name} = {u:g} {channel.unit}" for u in x]
     else:
         x, label = np.arange(1.0, len(commands) + 1), "number of the load [-]"
+        names = [f"load {number:g}" for number in x]
     order = np.argsort(x)
     y = np.where(np.asarray(lost)[:, None], np.nan, np.asarray(readings, float))
     found: dict[str, list[Curve]] = {}
     for column, sensor in enumerate(schema.sensors):
-        curve = Curve(sensor.name, x[order], y[order, column])
-        found.setdefault(f"{sensor.quantity} [{sensor.unit}]", []).append(curve)
-    return curves(label, [_panel(name, lines) for name, lines in found.items()])
+        if sensor.quantity != "force per length":  # drawn along the tube
+            curve = Curve(sensor.name, x[order], y[order, column])
+            found.setdefault(f"{sensor.quantity} [{sensor.unit}]", []).append(curve)
+    panels = [_panel(name, lines) for name, lines in found.items()]
+    kept = [int(i) for i in order if not lost[i]]
+    picked = np.linspace(0, len(kept) - 1, min(len(kept), MOST_PROFILES)).astype(int)
+    drawn = {kept[i]: names[kept[i]] for i in picked}
+    return curves(label, [*panels, *_profile_panels(system, profiles, drawn)])
+
+
+def _profile_panels(
+    system: System, profiles: Mapping[str, np.ndarray], names: Mapping[int, str]
+) -> Iterator[Panel]:
+    """Force per length along every tube at some loads, by their numbers; its tangential part if there is one.
+
+    Where the links of a chain meet is marked.
+    """
+    for tube in system.tubes:
+        if f"place_{tube.name}" not in profiles:
+            continue
+        places, whole, normal = (
+            profiles[f"{what}_{tube.name}"] for what in ("place", "force_per_length", "normal_per_length")
+        )
+        nodes = np.asarray(tube.along(system.robot))
+        ends = [] if len(tube.bodies) == 1 else 1e3 * nodes[1:-1]
+        for part, vectors in (("", whole), ("tangential ", whole - normal)):
+            size = np.linalg.norm(vectors, axis=-1)
+            if not size.any():
+                continue
+            # Constant beyond the last places.
+            lines = [
+                Curve(name, 1e3 * np.array([0, *places[i], nodes[-1]]), np.pad(size[i], 1, mode="edge"))
+                for i, name in names.items()
+            ]
+            for number, end in enumerate(ends):  # Matplotlib leaves names with _ out of the legend
+                name = "_" if number else "ends of links"
+                lines.append(Curve(name, np.full(2, end), np.array([0, size.max()]), target=True))
+            yield Panel(
+                f"{part}force per length\non {tube.name} [N/m]",
+                tuple(lines),
+                x_label=f"distance along {tube.name} [mm]",
+            )
 
 
 def plot_trials(trials: Sequence[Trial]) -> Figure:

@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
@@ -13,8 +14,7 @@ from exosight.evaluation.figures.style import styled
 from exosight.mechanics import Link, PressureLine, walk
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
-from exosight.system.sensors import ContactForce
-from exosight.system.surfaces import SphereSurface, TubeSurface, zone_middle, zone_radius
+from exosight.system.surfaces import PlaneSurface, SphereSurface, TubeSurface, zone_middle, zone_radius
 from exosight.system.system import System
 from exosight.vision.renderer import Tube, render
 
@@ -52,6 +52,8 @@ def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
         if isinstance(surface, SphereSurface):
             centres = position[list(surface.spheres.index(robot))]
             _draw_spheres(axes, centres, np.asarray(surface.spheres.radius) * MM, "0.6", 0.4)
+        if isinstance(surface, PlaneSurface):
+            _draw_plane(axes, *surface.plane.in_world(motion.pose[surface.plane.index(robot)]))
     _draw_zones(axes, system, robot, motion)
     joints = [body.name for body in robot.bodies if isinstance(body, Link) and body.joint.dofs]
     places = (
@@ -77,7 +79,7 @@ def _draw(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
 
 def _draw_zones(axes: Axes, system: System, robot: Robot, motion: Motion) -> None:
     """A circle of the surface's radius at the middle of each zone, and its name below."""
-    zones = [sensor for sensor in system.sensors if isinstance(sensor, ContactForce)]
+    zones = system.zones
     surfaces = {surface.name: surface for surface in system.surfaces}
     colours = colormaps["tab10"] if len(zones) <= 10 else colormaps["tab20"]
     for number, zone in enumerate(zones):
@@ -106,6 +108,13 @@ def _draw_tube(axes: Axes, tube: TubeSurface, robot: Robot, motion: Motion) -> N
         points = np.concatenate([axis[j] + radii[j] * circle for j in (i, i + 1)])
         outline = points[ConvexHull(points).vertices]
         axes.fill(*outline.T, color=str(0.35 + 0.6 * tube.shade), lw=0)
+
+
+def _draw_plane(axes: Axes, point: Array, normal: Array) -> None:
+    """A line, if the plane is seen from its edge."""
+    (x, z), (across_x, across_z) = (np.asarray(each)[::2] for each in (point, normal))
+    if np.hypot(across_x, across_z) > 0:
+        axes.axline((x * MM, z * MM), (x * MM - across_z, z * MM + across_x), color="0.4", lw=1.2)
 
 
 def _draw_spheres(axes: Axes, centres: np.ndarray, radii: np.ndarray, colour: object, width: float) -> None:

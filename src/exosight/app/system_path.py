@@ -29,12 +29,12 @@ def simulated_path(
     return system, simulate_system(system, _commands(system.schema, u, commands))
 
 
-def path_values(schema: Schema, states: SystemStates) -> dict[str, Any]:
+def path_values(system: System, states: SystemStates) -> dict[str, Any]:
     """The equilibria of a system as plain numbers."""
     return {
-        "system": schema.system,
-        "schema": schema_to_dict(schema),
-        "path": [_record(schema, states, i) for i in range(len(states.commands))],
+        "system": system.name,
+        "schema": schema_to_dict(system.schema),
+        "path": [_record(system, states, i) for i in range(len(states.commands))],
     }
 
 
@@ -97,11 +97,21 @@ def _command(text: str, names: Sequence[str]) -> list[float]:
     return list(values.values())
 
 
-def _record(schema: Schema, states: SystemStates, i: int) -> dict[str, Any]:
-    found, readings = states.equilibria, states.observation.readings[i].tolist()
+def _record(system: System, states: SystemStates, i: int) -> dict[str, Any]:
+    schema, found, seen = system.schema, states.equilibria, states.observation
+    readings = seen.readings[i].tolist()
+    zones = zip(system.zones, seen.forces[i], seen.normals[i], strict=True)
     return {
         "commands": {c.name: x for c, x in zip(schema.channels, states.commands[i].tolist(), strict=True)},
         "readings": {s.name: finite_or_none(x) for s, x in zip(schema.sensors, readings, strict=True)},
+        "zones": {
+            zone.spec.name: {
+                "magnitude": finite_or_none(float(np.linalg.norm(force))),
+                "normal": finite_or_none(float(np.linalg.norm(normal))),
+                "tangential": finite_or_none(float(np.linalg.norm(force - normal))),
+            }
+            for zone, force, normal in zones
+        },
         "converged": bool(found.converged[i]),
         "residual": finite_or_none(float(found.residual[i])),
         "min_eigenvalue": finite_or_none(float(found.min_eigenvalue[i])),

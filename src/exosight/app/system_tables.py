@@ -6,13 +6,22 @@ import numpy as np
 
 from exosight.evaluation.tables import Cell, Column, Table
 from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.tree import Body
 from exosight.system.camera import Camera, Visibility
 from exosight.system.description import VaryTable
 from exosight.system.schema import Channel
-from exosight.system.sensors import ContactForce, JointAngle, NetForce, PlaceZone, Sensor, SphereZone
-from exosight.system.surfaces import Surface, TubeSurface
+from exosight.system.sensors import (
+    ContactForce,
+    ForcePerLength,
+    JointAngle,
+    NetForce,
+    PlaceZone,
+    Sensor,
+    SphereZone,
+)
+from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface
 from exosight.system.system import ContactTerm, System
 
 
@@ -77,12 +86,14 @@ def _surfaces(surfaces: Sequence[Surface]) -> Table:
     )
     rows: list[tuple[Cell, ...]] = []
     for surface in surfaces:
-        tube = isinstance(surface, TubeSurface)
-        nodes = surface.nodes if tube else surface.spheres.frames
-        radii = 1e3 * np.asarray(surface.radius if tube else surface.spheres.radius)
-        bodies = ", ".join(dict.fromkeys(body for body, _ in nodes))
-        kind = "tube" if tube else "spheres"
-        rows.append((surface.name, kind, bodies, len(nodes), float(radii.min()), float(radii.max())))
+        bodies = ", ".join(surface.bodies) or "world"
+        if isinstance(surface, PlaneSurface):
+            rows.append((surface.name, "plane", bodies, None, None, None))
+            continue
+        spheres = isinstance(surface, SphereSurface)
+        radii = 1e3 * np.asarray(surface.spheres.radius if spheres else surface.radius)
+        kind = "spheres" if spheres else "tube"
+        rows.append((surface.name, kind, bodies, len(radii), float(radii.min()), float(radii.max())))
     return Table("surfaces", "Surfaces", columns, tuple(rows))
 
 
@@ -97,12 +108,12 @@ def _channels(channels: Sequence[Channel]) -> Table:
 
 def _sensors(sensors: Sequence[Sensor]) -> Table:
     columns = (
-        *(Column("sensor"), Column("quantity"), Column("unit"), Column("of")),
+        *(Column("sensor"), Column("quantity"), Column("component"), Column("unit"), Column("of")),
         *(Column("estimated"), Column("limit")),
     )
     rows = tuple(
         (
-            *(each.spec.name, each.spec.quantity, each.spec.unit, _measured(each)),
+            *(each.spec.name, each.spec.quantity, _component(each), each.spec.unit, _measured(each)),
             *("yes" if each.spec.estimated else "no", each.spec.limit),
         )
         for each in sensors
@@ -110,25 +121,32 @@ def _sensors(sensors: Sequence[Sensor]) -> Table:
     return Table("sensors", "Sensors", columns, rows)
 
 
+def _component(sensor: Sensor) -> str | None:
+    """What a sensor of a force reads; others have no components."""
+    return sensor.spec.component if isinstance(sensor, ContactForce | ForcePerLength) else None
+
+
 def _measured(sensor: Sensor) -> str:
     match sensor:
-        case ContactForce():
-            return f"{sensor.surface} {_zone(sensor.zone)}"
         case NetForce():
             return " + ".join(sensor.spec.parts)
         case JointAngle():
             return f"{sensor.body}, coordinate {sensor.coordinate}"
+        case _:
+            return f"{sensor.surface} {_zone(sensor.zone)}"
 
 
 def _stiffness_unit(term: ContactTerm) -> str:
-    """Of a pair of spheres, or of a length of tube."""
-    return "N/m" if isinstance(term, SphereContact) else "N/m²"
+    """Of a pair of spheres or links, or of a length of a rod's tube."""
+    return "N/m" if isinstance(term, SphereContact | RigidContact) else "N/m²"
 
 
 def _zone(zone: SphereZone | PlaceZone) -> str:
     """Numbers of spheres, or the distance along a tube."""
     if isinstance(zone, SphereZone):
         return ", ".join(map(str, zone.spheres))
+    if len(zone.middles) == 1:
+        return "whole"
     return f"at {1e3 * float(zone.middle):.3g} mm"
 
 

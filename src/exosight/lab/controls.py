@@ -10,7 +10,6 @@ from exosight.control.estimator import OnnxEstimator
 from exosight.lab.designs import Slider
 from exosight.lab.settings import CameraSettings, Corruption, Disturbance, Law, LoopSettings, Measured, View
 from exosight.lab.system import LabSystem
-from exosight.lab.views import zones_of
 from exosight.system.schema import SensorSpec
 from exosight.system.system import System
 
@@ -90,7 +89,7 @@ def _scene(system: System) -> dict[str, Any]:
     camera = system.camera
     links = {body.name for body in system.bodies if not hasattr(body, "strains")}
     surfaces = {each.name: each for each in system.surfaces}
-    zones = zones_of(system)
+    zones = system.zones
     zoned = {body for zone in zones for body in surfaces[zone.surface].bodies}
     return {
         "tubes": [

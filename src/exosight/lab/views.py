@@ -18,7 +18,6 @@ from exosight.lab.settings import PathSettings, View
 from exosight.lab.system import LabSystem
 from exosight.mechanics.tree import Tree
 from exosight.system.observation import Observation, observe
-from exosight.system.sensors import ContactForce
 from exosight.system.surfaces import zone_radius
 from exosight.system.system import System
 from exosight.vision.scene import picture
@@ -137,15 +136,10 @@ def scene_of(system: System, observation: Observation) -> dict[str, Any]:
     }
 
 
-def zones_of(system: System) -> list[ContactForce]:
-    """The sensors whose forces are drawn."""
-    return [sensor for sensor in system.sensors if isinstance(sensor, ContactForce)]
-
-
 def _zone_radii(system: System) -> list[float]:
     """Mean radius of the surface in each zone [m]: an arrow stands that far from the zone's middle."""
     surfaces, tree = {surface.name: surface for surface in system.surfaces}, Tree(system.bodies)
-    return [float(zone_radius(zone, surfaces[zone.surface], tree)) for zone in zones_of(system)]
+    return [float(zone_radius(zone, surfaces[zone.surface], tree)) for zone in system.zones]
 
 
 def _millimetres(values: Any) -> Any:

@@ -5,6 +5,8 @@ joint, link, rod, robot      bodies and their tree
 kinematics                   forward kinematics of the tree: poses, Jacobians; pull-back of wrenches
 energy                       the potential: elasticity, joint limits, sum of the terms
 contact, actuation           contact of spheres; pressure and cables along a line
+surface_contact              contact of rods' tubes with links and planes; tube_contact with each other
+rigid_contact, cones         contact of links with links and planes, by their closest spheres
 loads, bushing               weight, wrenches, distributed forces, torques; springs that close loops
 equilibrium                  stable minima of the energy: options and results
 quasistatic                  the driver: states under slowly changing loads, many robots at a time

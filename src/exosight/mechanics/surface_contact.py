@@ -1,4 +1,4 @@
-"""Contact of a soft tube with tapered solids: a traction t = k d n a length of the tube, for an overlap d.
+"""Contact of a soft tube with tapered solids or a plane: a traction t = k d n a length of tube, overlap d.
 
 The tube is what spheres of its radius sweep along a rod's axis, round ends included; a solid is the convex
 hull of two spheres on a body's axis, whose distance has a closed form. The energy ∫ ½ k max(d, 0)² ds over
@@ -97,15 +97,52 @@ class Solids(eqx.Module):
         """The frames among all of the tree; InputError if a body has no such frame."""
         return np.array([tree.frame(body, frame) for body, frame in self.frames])
 
+    @property
+    def starts(self) -> Float[Array, " solids"]:
+        """Distance of each one's beginning from that of the first, along a straight chain of them [m]."""
+        length = jnp.asarray(self.length)
+        return jnp.cumsum(length) - length
+
+
+class Plane(eqx.Module):
+    """A plane with a half-space behind it.
+
+    body     that it is fixed to, or None: the world (static)
+    point    (3,)   on it, in that body's first frame [m]
+    normal   (3,)   out of it, of any length
+    """
+
+    body: str | None = eqx.field(static=True)
+    point: Float[AnyArray, "3"]
+    normal: Float[AnyArray, "3"]
+
+    def index(self, tree: Tree) -> np.ndarray:
+        """The body's first frame among all of the tree; of the world, none."""
+        return np.array([] if self.body is None else [tree.frame(self.body, 0)], int)
+
+    @property
+    def starts(self) -> Float[Array, " frames"]:
+        """As of `Solids`: a plane has one place, 0."""
+        return jnp.zeros(0 if self.body is None else 1)
+
+    def in_world(self, pose: Float[Array, "frames 4 4"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
+        """Its point [m] and unit normal there, with the pose of its body's frame, if it has one."""
+        normal = jnp.asarray(self.normal) / jnp.sqrt(jnp.sum(jnp.asarray(self.normal) ** 2))
+        if self.body is None:
+            return jnp.asarray(self.point), normal
+        turn = pose[0, :3, :3]
+        return pose[0, :3, 3] + turn @ self.point, turn @ normal
+
 
 class Touch(NamedTuple):
-    """For points of a tube, a solid that each overlaps.
+    """For points of a tube, a solid or a plane that each overlaps.
 
     which      (points, solids)   1 for that solid, else 0
     overlap    (points,)          [m]; negative: gap
     normal     (points, 3)        unit vector out of the solid, in the world
     place      (points,)          t, along the solid's axis [m]
-    distance   (points,)          of the point from that place [m]
+    distance   (points,)          of the point from that place; of a plane, the tube's radius [m]
+    bent       (points,)          curvature across the tangent of the surface through the point [1/m]
     tangent    (points, 3)        unit vector along the solid's side, in the world; zero at its round ends
     """
 
@@ -114,6 +151,7 @@ class Touch(NamedTuple):
     normal: Float[Array, "points 3"]
     place: Float[Array, " points"]
     distance: Float[Array, " points"]
+    bent: Float[Array, " points"]
     tangent: Float[Array, "points 3"]
 
 
@@ -131,12 +169,14 @@ class Contacts(NamedTuple):
 
 
 def contacts(
-    solids: Solids,
-    pose: Float[Array, "solids 4 4"],
+    solids: Solids | Plane,
+    pose: Float[Array, "frames 4 4"],
     point: Float[Array, "points 3"],
     radius: Float[AnyArray, " points"],
 ) -> Contacts:
     """What spheres around points overlap, with poses of the solids' frames."""
+    if isinstance(solids, Plane):
+        return _on_plane(solids, pose, point, jnp.asarray(radius))
     turn = pose[:, :3, :3]
     local = jnp.einsum("sji,psj->psi", turn, point[:, None] - pose[None, :, :3, 3])
     # On the axis the direction away from it is undefined; the tiny offset keeps its derivatives finite.
@@ -161,7 +201,7 @@ def contacts(
             jnp.einsum("ps,sij,psj->pi", weight, turn, values)
             for weight, values in ((which, normal), (jnp.where(place == free, which, 0.0), tangent))
         ]
-        return Touch(which, single[0], world[0], single[1], single[2], world[1])
+        return Touch(which, single[0], world[0], single[1], single[2], 1 / single[2], world[1])
 
     first = largest(overlap)
     second = largest(jnp.where(first.which > 0, -NOWHERE, overlap))
@@ -170,18 +210,33 @@ def contacts(
     return Contacts((first, second), (1 - 0.5 * near, 0.5 * near), first.overlap + 0.25 * width * near**2)
 
 
-def _width(solids: Solids) -> Float[Array, ""]:
-    return FILLET * jnp.mean(jnp.asarray(solids.radius))
+def _on_plane(
+    plane: Plane,
+    pose: Float[Array, "frames 4 4"],
+    point: Float[Array, "points 3"],
+    radius: Float[Array, " points"],
+) -> Contacts:
+    """It is flat and has no edges: the first of two touches carries the whole force."""
+    origin, normal = plane.in_world(pose)
+    none = jnp.zeros(len(point))
+    overlap = radius - (point - origin) @ normal
+    normals = jnp.broadcast_to(normal, point.shape)
+    touch = Touch(jnp.ones((len(point), len(pose))), overlap, normals, none, radius, none, 0.0 * point)
+    return Contacts((touch, touch), (none + 1.0, none), overlap)
+
+
+def _width(solids: Solids | Plane) -> Float[Array, ""]:
+    return jnp.ones(()) if isinstance(solids, Plane) else FILLET * jnp.mean(jnp.asarray(solids.radius))
 
 
 class SolidContact(Term):
-    """Contact of a tube with solids.
+    """Contact of a tube with solids, or with a plane.
 
     stiffness   ()   k, force a length of tube and a depth [N/m²]
     """
 
     first: Tube
-    second: Solids
+    second: Solids | Plane
     stiffness: Float[AnyArray, ""]
 
     def frames(self, tree: Tree) -> list[int]:
@@ -244,7 +299,7 @@ class SolidContact(Term):
                 at.touches, at.share, units, (jnp.swapaxes(both, 1, 2), both), strict=True
             ):
                 along = _square(touch.normal) + _square(touch.tangent) - jnp.eye(3)
-                bend = (share * push / touch.distance)[:, None, None] * along
+                bend = (share * push * touch.bent)[:, None, None] * along
                 own = point_stiffness(position, -(share * push)[:, None] * touch.normal, bend)
                 own += (touching * share**2 + fillet)[:, None, None] * _square(unit)
                 force = -(share * push)[:, None] * unit

@@ -9,14 +9,13 @@ from exosight.errors import InputError
 from exosight.mechanics import Gravity
 from exosight.mechanics.surface_contact import line_stiffness
 from exosight.system.build_actuators import build_actuators
-from exosight.system.build_bodies import build_bodies, check_joint, rod_points
+from exosight.system.build_bodies import build_bodies, rod_points
+from exosight.system.build_sensors import build_sensors
 from exosight.system.build_surfaces import build_surfaces
 from exosight.system.camera import Camera
-from exosight.system.description import JOINT_COORDINATES, Description, SensorTable
+from exosight.system.description import JOINT_COORDINATES, Description
 from exosight.system.faults import at_place
-from exosight.system.schema import SensorSpec
-from exosight.system.sensors import ContactForce, JointAngle, NetForce, PlaceZone, Sensor, SphereZone
-from exosight.system.surfaces import SphereSurface, Surface, TubeSurface
+from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface
 from exosight.system.system import Contact, System
 from exosight.validation import check_name
 
@@ -42,10 +41,7 @@ def build(description: Description) -> System:
         surfaces=surfaces,
         contacts=contacts,
         actuators=build_actuators(description),
-        sensors=tuple(
-            at_place(f"sensors.{name}", _sensor, description, name, table, named)
-            for name, table in description.sensors.items()
-        ),
+        sensors=build_sensors(description, named),
         cameras=tuple(
             (name, Camera(table.centre, table.pixel, table.width, table.height))
             for name, table in description.cameras.items()
@@ -62,95 +58,31 @@ def _contact(description: Description, name: str, surfaces: Mapping[str, Surface
     for side, surface in (("first", table.first), ("second", table.second)):
         check_name(f"contacts.{name}.{side}", surface, surfaces)
     first, second = surfaces[table.first], surfaces[table.second]
+    spheres = isinstance(first, SphereSurface)
+    if spheres != isinstance(second, SphereSurface):
+        raise InputError(f"contacts.{name}: expected both surfaces of spheres or none, got one")
+    soft: list[float] = []
+    if not spheres:
+        first, second = sorted((first, second), key=lambda side: _rank(side, description))
+        bodies = [*first.bodies[:1], *second.bodies[:1]]
+        rods = [description.rods[body] for body in bodies if body in description.rods]
+        soft = [line_stiffness(rod.young, rod.poisson) for rod in rods]
     both = set(first.bodies) & set(second.bodies)
-    if isinstance(first, SphereSurface) and isinstance(second, SphereSurface):
-        if both:
-            raise InputError(
-                f"contacts.{name}: both surfaces are on {min(both)}; spheres of a body cannot press on it"
-            )
-        if table.stiffness is None or table.line_stiffness is not None:
-            raise InputError(f"contacts.{name}: expected stiffness, not line_stiffness, between spheres")
-        return Contact(name, table.first, table.second, floats(table.stiffness))
-    if table.stiffness is not None:
-        raise InputError(f"contacts.{name}: expected line_stiffness, not stiffness, between tubes")
-    if first.bodies[0] not in description.rods:
-        first, second = second, first
-    if both and (first.name != second.name or first.bodies[0] not in description.rods):
-        raise InputError(f"contacts.{name}: both surfaces are on {min(both)}, which is no rod on its own")
-    rods = [
-        description.rods[surface.bodies[0]]
-        for surface in (first, second)
-        if surface.bodies[0] in description.rods
-    ]
-    soft = [line_stiffness(rod.young, rod.poisson) for rod in rods]
-    stiffness = table.line_stiffness or 1 / sum(1 / each for each in soft) if soft else 0.0
+    if both and not (soft and first.name == second.name):
+        raise InputError(
+            f"contacts.{name}: both surfaces are on {min(both)}; only the tube of a rod can press on itself"
+        )
+    right, wrong = ("line_stiffness", "stiffness") if soft else ("stiffness", "line_stiffness")
+    if getattr(table, wrong) is not None or not (soft or table.stiffness):
+        of = "a rod" if soft else "spheres" if spheres else "links"
+        raise InputError(f"contacts.{name}: expected {right}, not {wrong}, for contact of {of}")
+    stiffness = table.stiffness or table.line_stiffness or 1 / sum(1 / each for each in soft)
     return Contact(name, first.name, second.name, floats(stiffness))
 
 
-def _sensor(
-    description: Description, name: str, table: SensorTable, surfaces: Mapping[str, Surface]
-) -> Sensor:
-    if table.type == "joint_angle":
-        body = table.body or ""
-        check_joint(description, body, table.coordinate)
-        spec = SensorSpec(name, "joint angle", "rad", estimated=table.estimated)
-        return JointAngle(spec, body, table.coordinate)
-    if table.type == "net_force":
-        for part in table.parts or ():
-            if part in description.sensors and description.sensors[part].type == "joint_angle":
-                raise InputError(f"parts: expected forces, but {part} is a joint angle")
-        return NetForce(SensorSpec(name, "net force", "N", parts=table.parts or (), limit=table.limit))
-    surface = table.surface or ""
-    check_name("surface", surface, surfaces)
-    pressed = {side for each in description.contacts.values() for side in (each.first, each.second)}
-    if surface not in pressed:
-        raise InputError(f"surface: nothing presses on {surface}; name it in a contact")
-    spec = SensorSpec(name, "contact force", "N", estimated=table.estimated, limit=table.limit)
-    found = surfaces[surface]
-    if isinstance(found, SphereSurface):
-        return ContactForce(spec, surface, SphereZone(_zone(table, surface, found)))
-    return ContactForce(spec, surface, _place(description, name, table, found))
-
-
-def _place(description: Description, name: str, table: SensorTable, surface: TubeSurface) -> PlaceZone:
-    """The zone among all of a tube."""
-    if table.at is None:
-        raise InputError(
-            f"at: expected a distance along {surface.name}, which is a tube, got spheres or a body"
-        )
-    zones = {
-        other: each.at
-        for other, each in description.sensors.items()
-        if each.surface == surface.name and each.at is not None
-    }
-    length = sum((description.rods.get(body) or description.links[body]).length for body in surface.bodies)
-    if table.at > length:
-        raise InputError(
-            f"at: expected at most {length:g} m, the length of {surface.name}, got {table.at:g} m"
-        )
-    same = [other for other, at in zones.items() if at == table.at and other != name]
-    if same:
-        raise InputError(f"at: expected another place than that of {same[0]}, got {table.at:g} m for both")
-    order = sorted(zones, key=zones.__getitem__)
-    return PlaceZone(order.index(name), floats([zones[each] for each in order]))
-
-
-def _zone(table: SensorTable, name: str, surface: SphereSurface) -> tuple[int, ...]:
-    """Numbers of the spheres that a contact force is summed over."""
-    frames = surface.spheres.frames
-    if table.at is not None:
-        raise InputError(f"at: expected spheres or a body; {name} is a surface of spheres")
-    if table.spheres is None:
-        chosen = tuple(i for i, (body, _) in enumerate(frames) if body == table.body)
-        if not chosen:
-            raise InputError(f"body: {name} has no sphere on {table.body!r}")
-        return chosen
-    if max(table.spheres) >= len(frames) or len(set(table.spheres)) < len(table.spheres):
-        raise InputError(
-            f"spheres: expected different numbers from 0 to {len(frames) - 1}, the spheres of {name}, got "
-            f"{list(table.spheres)}"
-        )
-    return table.spheres
+def _rank(side: Surface, description: Description) -> int:
+    """Rods' tubes before links' and these before planes, as contacts take them."""
+    return 2 if isinstance(side, PlaneSurface) else int(description.rods.keys().isdisjoint(side.bodies))
 
 
 def _check_size(description: Description) -> None:

@@ -1,20 +1,21 @@
-"""Surfaces of a description: tubes that cameras see, spheres that press on each other."""
+"""Surfaces of a description: tubes that cameras see, spheres and planes that press."""
 
 from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.mechanics.contact import Spheres
+from exosight.mechanics.surface_contact import Plane
 from exosight.system.build_bodies import rod_points, rod_radii, sphere_frames
 from exosight.system.description import Description, SurfaceTable
 from exosight.system.faults import at_place
-from exosight.system.surfaces import Node, SphereSurface, Surface, TubeSurface
+from exosight.system.surfaces import Node, PlaneSurface, SphereSurface, Surface, TubeSurface
 from exosight.validation import check_name, check_unique
 
 
 def build_surfaces(description: Description) -> tuple[Surface, ...]:
     """The surfaces in the file's order.
 
-    Raises InputError for a body that is not there, a tube that does not follow its bodies, or spheres on a
-    link without places.
+    Raises InputError for a body that is not there, a tube that does not follow its bodies, spheres on a link
+    without places, or a plane on what is not one link.
     """
     return tuple(
         at_place(f"surfaces.{name}", _surface, description, name, table)
@@ -27,7 +28,14 @@ def _surface(description: Description, name: str, table: SurfaceTable) -> Surfac
     for i, body in enumerate(table.bodies):
         check_name(f"bodies.{i}", body, known)
     check_unique("bodies", table.bodies)
-    return (_tube if table.type == "tube" else _spheres)(description, name, table)
+    return {"tube": _tube, "spheres": _spheres, "plane": _plane}[table.type](description, name, table)
+
+
+def _plane(description: Description, name: str, table: SurfaceTable) -> PlaneSurface:
+    if len(table.bodies) > 1 or any(body in description.rods for body in table.bodies):
+        raise InputError("bodies: expected one link that carries the plane, or none for the world")
+    body = table.bodies[0] if table.bodies else None
+    return PlaneSurface(name, Plane(body, floats(table.position), floats(table.normal)))
 
 
 def _tube(description: Description, name: str, table: SurfaceTable) -> TubeSurface:

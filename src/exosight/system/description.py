@@ -13,6 +13,7 @@ from pydantic import Discriminator, Field, Tag
 from pydantic.dataclasses import dataclass
 
 from exosight.system.camera import LARGEST_SIDE, Visibility
+from exosight.system.schema import Component
 from exosight.system.units import (
     Acceleration,
     Angle,
@@ -36,6 +37,7 @@ Strain = Literal["torsion_x", "bend_y", "bend_z", "stretch_x", "shear_y", "shear
 Vector = tuple[Distance, Distance, Distance]
 Rotation = tuple[Angle, Angle, Angle]
 Unit01 = Annotated[float, Field(ge=0, le=1)]
+Share = Annotated[float, Field(ge=-1, le=1)]
 Sphere = Annotated[int, Field(ge=0, le=100_000)]
 ORIGIN = (0.0, 0.0, 0.0)
 JOINT_COORDINATES = {"fixed": 0, "revolute": 1, "universal": 2, "spherical": 3}
@@ -161,31 +163,39 @@ class RodTable:
 
 @dataclass(frozen=True, config=CONFIG)
 class SurfaceTable:
-    """Geometry that bodies carry: cameras see tubes; contacts are of two tubes, or of two sets of spheres."""
+    """Geometry that bodies carry: cameras see tubes; contacts are of tubes and planes, or of spheres."""
 
-    type: Literal["tube", "spheres"]
-    bodies: Annotated[tuple[Name, ...], Field(min_length=1, max_length=1000)]
-    """one rod, or links in a chain"""
+    type: Literal["tube", "spheres", "plane"]
+    bodies: Annotated[tuple[Name, ...], Field(max_length=1000)] = ()
+    """one rod, or links in a chain; of a plane one link, or none: the world"""
     at: Annotated[tuple[Unit01, ...], Field(min_length=1, max_length=1000)] | None = None
     """places of spheres along each link, 0 at its base to 1 at its end; a rod has one at each point"""
     shade: Unit01 = 0.5
     """gray of a tube, 0 black to 1 white"""
+    position: Vector = ORIGIN
+    """of a point on a plane, in the frame of its link's base"""
+    normal: tuple[Share, Share, Share] = (0.0, 0.0, 1.0)
+    """direction out of a plane, there"""
 
     def __post_init__(self) -> None:
-        _refuse_unused(self, {"tube": ("shade",), "spheres": ("at",)})
+        _refuse_unused(self, {"tube": ("shade",), "spheres": ("at",), "plane": ("position", "normal")})
+        if self.type != "plane" and not self.bodies:
+            raise ValueError(f"bodies: expected at least one body that carries the {self.type}, got none")
+        if not any(self.normal):
+            raise ValueError("normal: expected a direction such as [0, 0, 1], got no direction")
 
 
 @dataclass(frozen=True, config=CONFIG)
 class ContactTable:
-    """Two surfaces that press on each other: both of spheres, or tubes of which one is around a rod; one name
-    twice is a rod that presses on itself."""
+    """Two surfaces that press on each other: both of spheres, or tubes and at most one plane; one name twice
+    is a rod that presses on itself."""
 
     first: Name
     second: Name
     stiffness: Stiffness | None = None
-    """of a pair of spheres"""
+    """of a pair of spheres, and of links with links or planes"""
     line_stiffness: Modulus | None = None
-    """of tubes: force a length and a depth; without: π/4 young/(1 − poisson²) of the rods, in series"""
+    """of rods: force a length and a depth; without: π/4 young/(1 − poisson²) of the rods, in series"""
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -220,15 +230,20 @@ class ActuatorTable:
 
 @dataclass(frozen=True, config=CONFIG)
 class SensorTable:
-    """A named scalar."""
+    """A named scalar, or a row of them along a tube."""
 
-    type: Literal["contact_force", "net_force", "joint_angle"]
+    type: Literal["contact_force", "net_force", "joint_angle", "force_per_length", "centre_of_pressure"]
     surface: Name | None = None
-    """of a contact force: the surface that it acts on"""
+    """that is pressed on, of a plane all; of a force per length or a centre of pressure: a tube"""
     spheres: Annotated[tuple[Sphere, ...], Field(min_length=1, max_length=1000)] | None = None
     """of a contact force: the zone, as numbers of spheres on that surface"""
     at: Annotated[Distance, Field(ge=0)] | None = None
-    """of a contact force on a tube: the zone's middle, as a distance along it; neighbours share forces"""
+    """of a contact force or a centre of pressure on a tube: the zone's middle, as a distance along it;
+    neighbours share forces; without: the centre of pressure of all of the tube"""
+    places: Annotated[int, Field(ge=2, le=200)] | None = None
+    """of a force per length: how many zones of equal length the tube has; sensor NAME_0 is of the first"""
+    component: Component = "magnitude"
+    """of a contact force or a force per length: of all of it, or of its normal or tangential part"""
     body: Name | None = None
     """of a joint angle: the link behind the joint; of a contact force: all spheres on it are the zone"""
     coordinate: Annotated[int, Field(ge=0, le=2)] = 0
@@ -244,19 +259,24 @@ class SensorTable:
         _refuse_unused(
             self,
             {
-                "contact_force": ("surface", "spheres", "at", "body", "estimated", "limit"),
+                "contact_force": ("surface", "spheres", "at", "body", "component", "estimated", "limit"),
                 "net_force": ("parts", "limit"),
                 "joint_angle": ("body", "coordinate", "estimated"),
+                "force_per_length": ("surface", "places", "component"),
+                "centre_of_pressure": ("surface", "at"),
             },
         )
-        needed = {"contact_force": "surface", "net_force": "parts", "joint_angle": "body"}[self.type]
-        if getattr(self, needed) is None:
-            raise ValueError(f"expected {needed} for a sensor of type {self.type}, got none")
+        needed = {
+            "net_force": ("parts",),
+            "joint_angle": ("body",),
+            "force_per_length": ("surface", "places"),
+        }.get(self.type, ("surface",))
+        for entry in needed:
+            if getattr(self, entry) is None:
+                raise ValueError(f"expected {entry} for a sensor of type {self.type}, got none")
         zone = [name for name in ("spheres", "body", "at") if getattr(self, name) is not None]
-        if self.type == "contact_force" and len(zone) != 1:
-            raise ValueError(
-                "expected the zone as one of spheres, body and at, got " + (" and ".join(zone) or "none")
-            )
+        if len(zone) > 1:
+            raise ValueError(f"expected the zone as one of spheres, body and at, got {' and '.join(zone)}")
         check_unique("parts", self.parts or ())
 
 

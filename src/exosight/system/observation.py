@@ -1,6 +1,6 @@
 """What sensors read, and where surfaces are, at coordinates of a system."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import partial
 
 import equinox as eqx
@@ -12,11 +12,12 @@ from jaxtyping import Array, Float
 from exosight.arrays import AnyArray
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.kinematics import Motion, walk
+from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surface_contact import SolidContact, Solids
 from exosight.mechanics.tube_contact import TubeContact
-from exosight.system.sensors import ContactForce, SensorInput, SurfaceForces
+from exosight.system.sensors import SensorInput, SurfaceForces, force_per_length
 from exosight.system.surfaces import zone_middle
 from exosight.system.system import System
 
@@ -25,13 +26,15 @@ class Observation(eqx.Module):
     """A system at one state; leading batch dimensions allowed.
 
     readings   (*batch, sensors)           in the order of the schema [each in its unit]
-    forces     (*batch, zones, 3)          summed contact force on each zone, in the order of the sensors [N]
+    forces     (*batch, zones, 3)          summed contact force on each zone, see `System.zones` [N]
+    normals    (*batch, zones, 3)          the sum of the normal parts of the same; the rest is tangential [N]
     places     (*batch, zones, 3)          middle of each zone [m]
     axes       (*batch, nodes, 3) a tube   its axis, by the surface's name [m]
     """
 
     readings: Float[AnyArray, "*batch sensors"]
     forces: Float[AnyArray, "*batch zones 3"]
+    normals: Float[AnyArray, "*batch zones 3"]
     places: Float[AnyArray, "*batch zones 3"]
     axes: dict[str, Float[AnyArray, "*batch nodes 3"]]
 
@@ -56,6 +59,52 @@ def body_shapes(
     return found
 
 
+PROFILE_UNITS = {
+    "place": "m, along the tube",
+    "force": "x, y, z in N/m, at each place",
+    "normal": "x, y, z in N/m, at each place: the part along the normals of the contacts",
+}
+"""What the arrays of `force_profiles` hold, by the beginning of their names."""
+
+
+def force_profiles(
+    system: System, q: Float[AnyArray, "states dofs"], places: int = 20
+) -> dict[str, np.ndarray]:
+    """Force per length along every tube that something presses on, at the middles of equal parts of it.
+
+    returns   of each such tube place_NAME (states, places), distances along it [m], force_per_length_NAME and
+              normal_per_length_NAME (states, places, 3), the whole and its normal part, in the world [N/m];
+              see `exosight.system.sensors.force_per_length`
+    """
+    pressed = {name for contact in system.contacts for name in (contact.first, contact.second)}
+    tubes = tuple(tube.name for tube in system.tubes if tube.name in pressed)
+    found = _profiles(system, jnp.asarray(q), tubes, places)
+    return {f"{what}_{name}": np.asarray(value) for name, of in found.items() for what, value in of.items()}
+
+
+@eqx.filter_jit
+def _profiles(
+    system: System, states: Float[Array, "states dofs"], tubes: tuple[str, ...], places: int
+) -> dict[str, dict[str, Float[Array, "states ..."]]]:
+    robot = system.robot
+    lengths = {tube.name: tube.along(robot)[-1] for tube in system.tubes}
+
+    def at(q: Float[Array, " dofs"]) -> dict[str, dict[str, Float[Array, "..."]]]:
+        on = contact_forces(system, robot, walk(robot, q))
+        found = {}
+        for name in tubes:
+            forces, length = on[name], lengths[name]
+            middles = (jnp.arange(places) + 0.5) * length / places
+            whole, normal = (
+                force_per_length(part, forces.place, middles, length)
+                for part in (forces.force, forces.normal)
+            )
+            found[name] = {"place": middles, "force_per_length": whole, "normal_per_length": normal}
+        return found
+
+    return jax.vmap(at)(states)
+
+
 @eqx.filter_jit
 def observe(systems: System, q: Float[AnyArray, "systems states dofs"]) -> Observation:
     """Sensors and surfaces of stacked systems at coordinates q, see `stack_systems`.
@@ -76,14 +125,16 @@ def observe_state(system: System, q: Float[Array, " dofs"]) -> Observation:
     values: dict[str, Array] = {}
     for sensor in system.sensors:
         values[sensor.spec.name] = sensor.read(at._replace(values=values))
-    zones = [sensor for sensor in system.sensors if isinstance(sensor, ContactForce)]
-    none = jnp.zeros((0, 3))
+    zones = system.zones
+
+    def stacked(vectors: Iterable[Float[Array, "3"]]) -> Float[Array, "zones 3"]:
+        return jnp.stack([*vectors]) if zones else jnp.zeros((0, 3))
+
     return Observation(
         readings=jnp.stack(list(values.values())),
-        forces=jnp.stack([zone.vector(at) for zone in zones]) if zones else none,
-        places=jnp.stack([zone_middle(zone, surfaces[zone.surface], robot, motion) for zone in zones])
-        if zones
-        else none,
+        forces=stacked(zone.vector(at, "magnitude") for zone in zones),
+        normals=stacked(zone.vector(at, "normal") for zone in zones),
+        places=stacked(zone_middle(zone, surfaces[zone.surface], robot, motion) for zone in zones),
         axes={tube.name: tube.axis(robot, motion) for tube in system.tubes},
     )
 
@@ -99,9 +150,11 @@ def contact_forces(system: System, robot: Robot, motion: Motion) -> dict[str, Su
                 sides = _on_solids(term, robot, motion)
             case TubeContact():
                 sides = _on_tubes(term, robot, motion)
+            case RigidContact():
+                sides = _on_links(term, robot, motion)
         for name, side in zip((contact.first, contact.second), sides, strict=True):
             parts[name].append(side)
-    none = SurfaceForces(jnp.zeros((0, 3)), jnp.zeros(0))
+    none = SurfaceForces(jnp.zeros((0, 3)), jnp.zeros((0, 3)), jnp.zeros(0))
     return {
         name: jax.tree.map(lambda *values: jnp.concatenate(values), none, *found)
         for name, found in parts.items()
@@ -110,7 +163,8 @@ def contact_forces(system: System, robot: Robot, motion: Motion) -> dict[str, Su
 
 def _on_spheres(term: SphereContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
     first, second = (
-        SurfaceForces(force, jnp.arange(float(len(force)))) for force in term.forces(robot, motion.position)
+        SurfaceForces(force, force, jnp.arange(float(len(force))))
+        for force in term.forces(robot, motion.position)
     )
     return first, second
 
@@ -118,22 +172,32 @@ def _on_spheres(term: SphereContact, robot: Robot, motion: Motion) -> tuple[Surf
 def _on_solids(term: SolidContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
     """Every point with each of the two solids that it may touch; distances along the chain of solids."""
     at = term.contacts(robot, motion.pose)
-    length = jnp.asarray(term.second.length)
-    starts = jnp.cumsum(length) - length
     push = term.pressure(robot, at)
     force = jnp.concatenate(
         [(share * push)[:, None] * touch.normal for share, touch in zip(at.share, at.touches, strict=True)]
     )
-    place = jnp.concatenate([touch.which @ starts + touch.place for touch in at.touches])
+    place = jnp.concatenate([touch.which @ term.second.starts + touch.place for touch in at.touches])
     along = _along(term.first.rod, robot)
-    return SurfaceForces(force, jnp.concatenate([along, along])), SurfaceForces(-force, place)
+    first = SurfaceForces(force, force, jnp.concatenate([along, along]))
+    return first, SurfaceForces(-force, -force, place)
 
 
 def _on_tubes(term: TubeContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
     force, at = term.forces(robot, motion.pose)
     nodes = _along(term.second.rod, robot)
     place = nodes[at.piece] + at.t * (nodes[at.piece + 1] - nodes[at.piece])
-    return SurfaceForces(force, _along(term.first.rod, robot)), SurfaceForces(-force, place)
+    first = SurfaceForces(force, force, _along(term.first.rod, robot))
+    return first, SurfaceForces(-force, -force, place)
+
+
+def _on_links(term: RigidContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
+    """Every pair; distances along the chains of solids."""
+    force, at = term.forces(robot, motion.pose)
+    first, second = (
+        (side.starts if isinstance(side, Solids) else jnp.zeros(1))[at.solid[:, i]] + at.place[:, i]
+        for i, side in enumerate((term.first, term.second))
+    )
+    return SurfaceForces(force, force, first), SurfaceForces(-force, -force, second)
 
 
 def _along(rod: str, robot: Robot) -> Float[Array, " points"]:

@@ -21,7 +21,8 @@ from exosight.validation import CONFIG, Name, check_name, check_unique, first_fa
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Unit = Annotated[str, Field(max_length=16, pattern=r"^[A-Za-zµ°%Ω][A-Za-z0-9µ°%Ω/^ .-]*$")]
-Quantity = Literal["contact force", "net force", "joint angle"]
+Quantity = Literal["contact force", "net force", "joint angle", "force per length", "centre of pressure"]
+Component = Literal["magnitude", "normal", "tangential"]
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -71,6 +72,8 @@ class SensorSpec:
     """Of a net force: the sensors whose sum it is."""
     limit: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     """Largest magnitude that control may allow [unit]; None: not limited."""
+    component: Component = "magnitude"
+    """Of a contact force or a force per length: of all of it, or of its normal or tangential part."""
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -89,8 +92,8 @@ class ViewSpec:
 class Schema:
     """Names, units and ranges of everything that goes into a system and comes out of it.
 
-    Raises a validation error if a name is used twice, or a sum names a sensor that does not come before it or
-    counts one twice.
+    Raises a validation error if a name is used twice, or a sum names a sensor that does not come before it,
+    has another unit or is counted twice.
     """
 
     system: Name
@@ -101,12 +104,16 @@ class Schema:
     def __post_init__(self) -> None:
         for kind in ("channels", "sensors", "cameras"):
             check_unique(kind, (entry.name for entry in getattr(self, kind)))
-        known: set[str] = set()
+        units: dict[str, str] = {}
         for sensor in self.sensors:
-            unknown = [part for part in sensor.parts if part not in known]
-            if unknown:
-                raise ValueError(f"sensor {sensor.name}: it sums {unknown[0]}, which is no sensor before it")
-            known.add(sensor.name)
+            for part in sensor.parts:
+                if part not in units:
+                    raise ValueError(f"sensor {sensor.name}: it sums {part}, which is no sensor before it")
+                if units[part] != sensor.unit:
+                    raise ValueError(
+                        f"sensor {sensor.name}: it sums {part}, which is in {units[part]}, not {sensor.unit}"
+                    )
+            units[sensor.name] = sensor.unit
         _ = self._sums  # as a check
 
     @property

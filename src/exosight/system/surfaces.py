@@ -12,7 +12,7 @@ from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.link import Link
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.surface_contact import Solids, Tube
+from exosight.mechanics.surface_contact import Plane, Solids, Tube
 from exosight.mechanics.tree import Tree
 from exosight.system.sensors import ContactForce, PlaceZone, SphereZone
 
@@ -89,7 +89,40 @@ class TubeSurface(eqx.Module):
         )
 
 
-Surface = SphereSurface | TubeSurface
+class PlaneSurface(eqx.Module):
+    """A plane with a half-space behind it, which contacts act on; cameras do not see it.
+
+    name    of the surface (static)
+    plane   what it is fixed to, a point on it and its normal
+    """
+
+    name: str = eqx.field(static=True)
+    plane: Plane
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Name of the body that carries it; of the world, none."""
+        return () if self.plane.body is None else (self.plane.body,)
+
+    @property
+    def radius(self) -> Float[AnyArray, "1"]:
+        """At its one place: none."""
+        return jnp.zeros(1)
+
+    def along(self, tree: Tree) -> Float[Array, "1"]:
+        """Its one place, as of a tube."""
+        return jnp.zeros(1)
+
+    def contact_side(self, tree: Tree) -> Plane:
+        """The surface as mechanics knows it."""
+        return self.plane
+
+    def axis(self, robot: Robot, motion: Motion) -> Float[Array, "1 3"]:
+        """Its point in the world [m]."""
+        return self.plane.in_world(motion.pose[self.plane.index(robot)])[0][None]
+
+
+Surface = SphereSurface | TubeSurface | PlaneSurface
 
 
 def zone_middle(zone: ContactForce, surface: Surface, robot: Robot, motion: Motion) -> Float[Array, "3"]:
@@ -98,7 +131,7 @@ def zone_middle(zone: ContactForce, surface: Surface, robot: Robot, motion: Moti
         case SphereZone(spheres), SphereSurface():
             index = surface.spheres.index(robot)
             return motion.position[jnp.array([index[i] for i in spheres])].mean(axis=0)
-        case PlaceZone(), TubeSurface():
+        case PlaceZone(), TubeSurface() | PlaneSurface():
             middle, along = zone.zone.middle, surface.along(robot)
             axis = surface.axis(robot, motion)
             return jnp.stack([jnp.interp(middle, along, axis[:, i]) for i in range(3)])
@@ -110,6 +143,6 @@ def zone_radius(zone: ContactForce, surface: Surface, tree: Tree) -> Float[Array
     match zone.zone, surface:
         case SphereZone(spheres), SphereSurface():
             return jnp.asarray(surface.spheres.radius)[jnp.array(spheres)].mean()
-        case PlaceZone(), TubeSurface():
+        case PlaceZone(), TubeSurface() | PlaneSurface():
             return jnp.interp(zone.zone.middle, surface.along(tree), jnp.asarray(surface.radius))
     raise TypeError(f"a zone of {type(zone.zone).__name__} on {type(surface).__name__}")

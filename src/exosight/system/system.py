@@ -11,27 +11,38 @@ from jaxtyping import Float
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.robot import Robot
-from exosight.mechanics.surface_contact import SolidContact, Solids, Tube
+from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube
 from exosight.mechanics.term import Term
 from exosight.mechanics.tree import Body, Tree
 from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.camera import Camera, Visibility
 from exosight.system.schema import Channel, Schema, ViewSpec
-from exosight.system.sensors import ContactForce, JointAngle, PlaceZone, Sensor, SphereZone
-from exosight.system.surfaces import SphereSurface, Surface, TubeSurface
+from exosight.system.sensors import (
+    CentreOfPressure,
+    ContactForce,
+    ForcePerLength,
+    JointAngle,
+    PlaceZone,
+    Sensor,
+    SphereZone,
+)
+from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface, TubeSurface
 from exosight.validation import check_name, check_unique
 
 Part = TypeVar("Part", bound=eqx.Module)
-ContactTerm = SphereContact | SolidContact | TubeContact
+ContactTerm = SphereContact | SolidContact | TubeContact | RigidContact
 
 
 class Contact(eqx.Module):
-    """Two surfaces that press on each other: two sets of spheres, or two tubes, the first one around a rod.
+    """Two surfaces that press on each other: two sets of spheres, or tubes and at most one plane.
+
+    A rod's tube is the first one, a plane the second.
 
     name            of the contact (static)
     first, second   names of the surfaces; the same for a rod that presses on itself (static)
-    stiffness       ()   of a pair of spheres [N/m], or of a length of the first tube [N/m²]
+    stiffness       ()   of a length of a rod's tube [N/m²], else of a pair of spheres or links [N/m]
     """
 
     name: str = eqx.field(static=True)
@@ -45,19 +56,21 @@ def _contact_term(contact: Contact, surfaces: Mapping[str, Surface], tree: Tree)
     first, second = surfaces[contact.first], surfaces[contact.second]
     if isinstance(first, SphereSurface) and isinstance(second, SphereSurface):
         return SphereContact(first.spheres, second.spheres, contact.stiffness)
-    if isinstance(first, TubeSurface) and isinstance(second, TubeSurface):
+    if not isinstance(first, SphereSurface) and not isinstance(second, SphereSurface):
         match first.contact_side(tree), second.contact_side(tree):
-            case Tube() as tube, Solids() as solids:
-                return SolidContact(tube, solids, contact.stiffness)
+            case Tube() as tube, (Solids() | Plane()) as other:
+                return SolidContact(tube, other, contact.stiffness)
             case Tube() as tube, Tube() as other:
                 return TubeContact(tube, other, contact.stiffness)
+            case Solids() as solids, (Solids() | Plane()) as other:
+                return RigidContact(solids, other, contact.stiffness)
     raise InputError(
-        f"contact {contact.name}: expected two surfaces of spheres, or two tubes, one of them around a rod, "
-        f"got {contact.first} and {contact.second}"
+        f"contact {contact.name}: expected two surfaces of spheres, or two tubes, or a tube and a plane, a "
+        f"rod's tube first, got {contact.first} and {contact.second}"
     )
 
 
-def _check_zone(sensor: ContactForce, surface: Surface) -> None:
+def _check_zone(sensor: ContactForce | ForcePerLength | CentreOfPressure, surface: Surface) -> None:
     """InputError for a zone that is not on its surface."""
     match sensor.zone, surface:
         case SphereZone(spheres), SphereSurface():
@@ -68,6 +81,8 @@ def _check_zone(sensor: ContactForce, surface: Surface) -> None:
                     f"{spheres}"
                 )
         case PlaceZone(), TubeSurface():
+            return
+        case PlaceZone(), PlaneSurface() if isinstance(sensor, ContactForce):
             return
         case _:
             raise InputError(
@@ -128,7 +143,7 @@ class System(eqx.Module):
                 check_name(f"surface of contact {contact.name}", side, surfaces)
             _contact_term(contact, surfaces, Tree(self.bodies))
         for sensor in self.sensors:
-            if isinstance(sensor, ContactForce):
+            if isinstance(sensor, ContactForce | ForcePerLength | CentreOfPressure):
                 check_name(f"surface of sensor {sensor.spec.name}", sensor.surface, surfaces)
                 _check_zone(sensor, surfaces[sensor.surface])
             if isinstance(sensor, JointAngle):
@@ -156,6 +171,17 @@ class System(eqx.Module):
                 ViewSpec(name, camera.width, camera.height, self.visibility) for name, camera in self.cameras
             ),
         )
+
+    @property
+    def zones(self) -> tuple[ContactForce, ...]:
+        """The zones whose contact forces are read: of each the first sensor, in the order of the sensors."""
+        found: dict[tuple[str, int | tuple[int, ...]], ContactForce] = {}
+        for sensor in self.sensors:
+            if isinstance(sensor, ContactForce):
+                zone = sensor.zone
+                place = zone.number if isinstance(zone, PlaceZone) else zone.spheres
+                found.setdefault((sensor.surface, place), sensor)
+        return tuple(found.values())
 
     @property
     def tubes(self) -> tuple[TubeSurface, ...]:

@@ -20,6 +20,8 @@ from exosight.evaluation.tables import Column, Table
 from exosight.exosuit.shapes import TABLE_I, shape_to_dict
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from exosight.system.observation import Observation
     from exosight.system.system import System
 
@@ -69,8 +71,10 @@ def simulate(
         system: a preset or a system file, see `exosight system`
         commands: of a system, each one equilibrium: NAME=NUMBER of each channel, commas in between;
             channels left out rest at 0
-        poses: add the centreline and the radii of every body to the JSON: axis_NAME, radius_NAME [m]
-        plot: draw all readings over the command, to a new file (PNG, PDF or SVG)
+        poses: add the centreline and the radii of every body to the JSON: axis_NAME, radius_NAME [m]; and
+            along every tube that is pressed on force_per_length_NAME [N/m] at the distances place_NAME [m]
+        plot: draw all readings over the command, and the force per length along every tube that is pressed
+            on, to a new file (PNG, PDF or SVG)
         json: write all numbers as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
@@ -84,9 +88,9 @@ def simulate(
 
         with waiting(WAITING):
             shown, states = simulated_path(system, u, commands)
-        result = path_values(shown.schema, states)
+        result = path_values(shown, states)
         table = path_table(result)
-        found = shown, states.commands, states.observation
+        found = shown, states.commands, states.observation, states.equilibria.q
     else:
         worn = exosuit.exosuit(TABLE_I)
         from exosight.exosuit.simulation import simulate as solve
@@ -97,26 +101,29 @@ def simulate(
         about = {name: getattr(worn, name) for name in ("young", "contact_stiffness", "gap")}
         result = {"exosuit": {**shape_to_dict(worn.shape), **about}, "units": UNITS, "path": records}
         table = _table(records)
-        found = solved.system, solved.u[:, None], solved.observation
-    _say_faults(found[0], found[2], result["path"])
-    if poses:
-        _add_poses(result, found[0], found[2])
-    if plot is not None:
-        from exosight.app.plots import plot_path, write_plot
+        found = solved.system, solved.u[:, None], solved.observation, solved.equilibria.q
+    nominal, loads, seen, q = found
+    _say_faults(nominal, seen, result["path"])
+    if poses or plot is not None:
+        from exosight.system.observation import POSE_UNITS, PROFILE_UNITS, body_shapes, force_profiles
 
-        lost = [not record["converged"] for record in result["path"]]
-        write_plot(plot_path(found[0].schema, found[1], found[2].readings, lost), plot)
+        profiles = force_profiles(nominal, q)
+        if poses:
+            arrays = body_shapes(nominal, seen.axes) | profiles
+            _add_arrays(result, arrays, POSE_UNITS | PROFILE_UNITS)
+        if plot is not None:
+            from exosight.app.plots import plot_path, write_plot
+
+            lost = [not record["converged"] for record in result["path"]]
+            write_plot(plot_path(nominal, loads, seen.readings, profiles, lost), plot)
     show_or_write([table], result, json)
 
 
-def _add_poses(result: dict[str, Any], system: "System", seen: "Observation") -> None:
-    """Centrelines and radii of the bodies in every record, and their units."""
-    from exosight.system.observation import POSE_UNITS, body_shapes
-
-    shapes = body_shapes(system, seen.axes)
-    result["units"] = result.get("units", {}) | {name: POSE_UNITS[name.partition("_")[0]] for name in shapes}
+def _add_arrays(result: dict[str, Any], arrays: dict[str, "np.ndarray"], units: dict[str, str]) -> None:
+    """Add arrays of shape (loads, …) to the records, with their units by the first word of each name."""
+    result["units"] = result.get("units", {}) | {name: units[name.partition("_")[0]] for name in arrays}
     for i, record in enumerate(result["path"]):
-        record |= {name: values[i].tolist() for name, values in shapes.items()}
+        record |= {name: values[i].tolist() for name, values in arrays.items()}
 
 
 def _say_faults(system: "System", seen: "Observation", records: list[dict[str, Any]]) -> None:

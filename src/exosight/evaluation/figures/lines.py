@@ -51,18 +51,20 @@ class Curve:
 class Panel:
     """Curves of one quantity.
 
-    label   of the vertical axis: "F_net [N]"
-    group   panels of the same one have the same vertical range; "" has its own
+    label     of the vertical axis: "F_net [N]"
+    group     panels of the same one have the same vertical range; "" has its own
+    x_label   of the horizontal axis; "" has that of the figure
     """
 
     label: str
     curves: tuple[Curve, ...]
     group: str = ""
+    x_label: str = ""
 
 
 @styled
 def curves(x_label: str, panels: Sequence[Panel], columns: int = 1) -> Figure:
-    """Panels over one another, or in several columns, with the same horizontal axis.
+    """Panels over one another, or in several columns; neighbours above one another share a horizontal label.
 
     Curves differ in colour, and in marker or dash, so that they can be told apart in print without colour.
     """
@@ -91,8 +93,9 @@ def curves(x_label: str, panels: Sequence[Panel], columns: int = 1) -> Figure:
         ax.set_ylabel(panel.label)
         ax.yaxis.set_major_locator(few_ticks())
         ax.grid()
-        if number + columns >= len(panels):
-            ax.set_xlabel(x_label)
+        below = panels[number + columns :][:1]
+        if not below or below[0].x_label != panel.x_label:
+            ax.set_xlabel(panel.x_label or x_label)
         if len(panel.curves) > 1:
             ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     figure.align_ylabels()
