@@ -92,7 +92,7 @@ def _divide(c, r, tubes, lines, strands):
         for k in range(tubes[tube], tubes[tube + 1] - 1):
             start = set_line(lines[k, :8], c[k : k + 2], r[k : k + 2])
             ex, ey, length = lines[k, 3], lines[k, 4], lines[k, 7]
-            slope = (c[k + 1, 2] - c[k, 2]) / (length if length > 0.0 else 1.0)
+            slope = (c[k + 1, 2] - c[k, 2]) / max(length, 1e-9)  # finite where the tube is seen from its end
             lines[k, 8:] = c[k + start, 2], slope
             turned = length > 0.0 and ex * ahead_x + ey * ahead_y < WITHIN
             if k == tubes[tube] or (turned and (ahead_x != 0.0 or ahead_y != 0.0)):
@@ -120,7 +120,7 @@ def _surface(row, column, distance, lines, number, ends, bright, light):
     if slope != 0.0:
         out, beside, below, radius, depth = _foremost(row, column, number, lines, ends)
     right, up, towards, dim = light
-    lit = (towards * out - up * below + right * beside) / (radius + max(distance, 0.0))
+    lit = (towards * out - up * below + right * beside) / max(radius + max(distance, 0.0), 1e-9)
     return cover, bright * (dim + (1.0 - dim) * max(lit, 0.0)), beside, below, radius, depth
 
 
@@ -162,7 +162,7 @@ def _add(seen, i, j, surface):
     """Add a surface to what a pixel sees: the nearest one, and all behind it as one."""
     if seen[i, j, 0] == 0.0:
         _set(seen, i, j, 0, surface)
-    else:
+    elif surface[0] > 0.0:
         first = _get(seen, i, j, 0)
         if _front(surface) < _front(first):
             _set(seen, i, j, 0, surface)
