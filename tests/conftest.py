@@ -1,8 +1,9 @@
 """Every jaxtyping annotation in the package is checked while the tests run, and compiled code is shared.
 
 Most of the tests' time is JAX compiling; the processes of one run, and later runs, share what it made, and
-XLA's older code generator makes it in 60 % of the time (`tests/exosuit/test_simulation.py` compares both). A
-process that has grown large gives its own back when a file of tests is done: kept to the end it came to 5 GB.
+XLA's older code generator, without optimisation, makes it in a quarter of the time and runs a fifth slower
+(`tests/exosuit/test_simulation.py` compares it with what users have). A process that has grown large gives
+its own back when a file of tests is done: kept to the end it came to 5 GB.
 """
 
 import ctypes
@@ -18,9 +19,10 @@ import pytest
 from jaxtyping import install_import_hook
 
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 if version("jaxlib").startswith("0.10."):  # a flag that a version does not know ends the process
-    os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
+    quickly = "--xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
+    os.environ.setdefault("XLA_FLAGS", quickly)
 
 # How long an example takes is not what a test asserts, and says little on a busy machine. Every run draws
 # other examples, so that few a run are many in the end.

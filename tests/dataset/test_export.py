@@ -15,10 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exosight.dataset import QUANTITIES, Frames, read_frames, write_chunk, write_manifest
-from exosight.dataset.export import export_dataset, export_path, read_path
+from exosight.dataset.export import _named, export_dataset, export_path, read_path
 from exosight.dataset.matlab import from_matlab, read_mat, to_matlab, write_mat
 from exosight.errors import DataError, InputError
 from exosight.files import new_file
+from exosight.system.schema import SensorSpec
 
 from .conftest import CAMERA, DESIGNS, FAMILIES, SCHEMA, describe, made_up
 
@@ -144,6 +145,11 @@ def test_npz_holds_the_same_arrays_without_pickles(dataset: Path, tmp_path: Path
             np.testing.assert_array_equal(found[name], getattr(frames, name))
         assert found["families"].tolist() == list(FAMILIES)
         assert found["variation_lighting_ambient"][0] == 0.1
+
+
+def test_names_of_columns_keep_apart_what_is_per_metre() -> None:
+    sensors = (SensorSpec("row_0", "force per length", "N/m"), SensorSpec("knuckle", "joint angle", "rad"))
+    assert [*_named("sensor", sensors, np.zeros((1, 2)))] == ["sensor_row_0_N_per_m", "sensor_knuckle_rad"]
 
 
 def test_tables_and_pictures_hold_every_digit(dataset: Path, tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def test_the_answer_for_a_load_is_its_own() -> None:
 
 
 def test_code_compiled_as_users_compile_it_finds_the_same_forces(records: dict[float, dict]) -> None:
-    """The tests' code generator is another (`tests/conftest.py`).
+    """The tests' code is made by another generator, and not optimised (`tests/conftest.py`).
 
     With both, poses are solved to 1e-10; 1e-11 m of 0.1 m are 1e-8 N at 1000 N/m.
     """

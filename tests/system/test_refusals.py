@@ -2,13 +2,16 @@
 
 import os
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from exosight.errors import DataError, InputError
 from exosight.system import read_system_file
 from exosight.system.designs import FileDesigns
+from exosight.system.system import System
 
 Write = Callable[..., Path]
 
@@ -205,6 +208,41 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
             "contacts.bones: both surfaces are on base; only the tube of a rod can press on itself",
         ),
         (
+            (
+                "[sensors.sum]",
+                '[surfaces.wall]\ntype = "plane"\n'
+                '[contacts.bones]\nfirst = "wall"\nsecond = "skin"\n[sensors.sum]',
+            ),
+            "contacts.bones: expected stiffness, not line_stiffness, for contact of links",
+        ),
+        (
+            ("[sensors.sum]", '[surfaces.wall]\ntype = "plane"\nbodies = ["soft"]\n[sensors.sum]'),
+            "surfaces.wall.bodies: expected one link that carries the plane, or none for the world",
+        ),
+        (
+            ("[sensors.sum]", '[surfaces.wall]\ntype = "plane"\nnormal = [0, 0, 0]\n[sensors.sum]'),
+            "surfaces.wall: normal: expected a direction such as [0, 0, 1], got no direction",
+        ),
+        (
+            ("[sensors.sum]", '[surfaces.wall]\ntype = "plane"\nshade = 1\n[sensors.sum]'),
+            "surfaces.wall: shade: it has no effect with type plane",
+        ),
+        (('bodies = ["soft"]', ""), "surfaces.soft_points: bodies: expected at least one body"),
+        (
+            ('second = "soft_points"', 'second = "soft_points"\nline_stiffness = "315 MPa"'),
+            "contacts.press: expected a stiffness above 0 and at most 3.14e+08, 1000 times that of the rod",
+        ),
+        (
+            ('position = ["0 mm", "0 mm", "15 mm"]', 'position = ["0 mm", "0 mm", "12.4 mm"]'),
+            "contacts.press: expected surfaces that overlap at rest by at most half their radius, here "
+            "2.5 mm, got 2.6 mm; move them apart",
+        ),
+        (
+            ('radius = ["8 mm", "6 mm"]', 'radius = ["36 mm", "6 mm"]'),
+            "contacts.press: expected links longer than their radii differ, else one end holds the other, "
+            "got tip, 30 mm long, with radii that differ by 30 mm",
+        ),
+        (
             ("[sensors.sum]", f"{ROW}[sensors.sum]"),
             "sensors.row: expected places for a sensor of type force_per_length, got none",
         ),
@@ -246,6 +284,16 @@ def test_a_fault_of_tubes_is_one_sentence(
     with pytest.raises((InputError, DataError)) as refused:
         FileDesigns(read_system_file(write(*tubes, change)))
     assert sentence in str(refused.value)
+
+
+@pytest.mark.parametrize("stiffness", [0.0, -1.0, np.nan, np.inf])
+def test_a_stiffness_that_is_none_is_refused_in_python(
+    stiffness: float, system: Callable[..., System], tubes: list
+) -> None:
+    small = system(*tubes)
+    contact = replace(small.contacts[0], stiffness=np.array(stiffness))
+    with pytest.raises(InputError, match=r"contacts\.press: expected a stiffness above 0 and at most"):
+        replace(small, contacts=(contact,))
 
 
 @pytest.mark.parametrize(("change", "sentence"), FAULTS, ids=lambda each: str(each)[-40:])

@@ -165,8 +165,12 @@ def _write_poses(out: Path, shapes: Mapping[str, np.ndarray]) -> None:
 def _named(
     kind: str, entries: Sequence[Channel] | Sequence[SensorSpec], values: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """Columns by kind, name and unit, such as sensor_F_net_N; a unit keeps its letters and digits alone."""
-    units = ["".join(c for c in entry.unit if c.isalnum()) for entry in entries]
+    """Columns by kind, name and unit, such as sensor_F_net_N or sensor_row_0_N_per_m; of a unit's other
+    characters none is kept.
+    """
+    units = [
+        "".join(c for c in entry.unit.replace("/", "_per_") if c.isalnum() or c == "_") for entry in entries
+    ]
     names = ["_".join(filter(None, (kind, e.name, unit))) for e, unit in zip(entries, units, strict=True)]
     return dict(zip(names, values.T, strict=True))
 

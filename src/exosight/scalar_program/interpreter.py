@@ -1,7 +1,7 @@
 """The interpreter: runs a program over eight samples at once, in vector registers, called by XLA.
 
 It is a loop of a few hundred instructions, made by LLVM (through llvmlite, which comes with Numba) for the
-processor at hand in a fraction of a second: no compiler is needed, and no binary is shipped. XLA calls it
+processor at hand within a second: no compiler is needed, and no binary is shipped. XLA calls it
 through its foreign function interface, so the programs run inside compiled loops, without Python's lock.
 Structures of that interface: xla/ffi/api/c_api.h, version 0.3.
 """
@@ -60,7 +60,7 @@ _ENGINES: list[Any] = []
 
 
 def _engine(processor: str, features: str, targets: Mapping[int, str]) -> Any:
-    machine = llvm.Target.from_default_triple().create_target_machine(cpu=processor, features=features, opt=3)
+    machine = llvm.Target.from_default_triple().create_target_machine(cpu=processor, features=features, opt=2)
     library = ctypes.CDLL(None)
     for name in LIBRARY.values():
         llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
@@ -70,8 +70,9 @@ def _engine(processor: str, features: str, targets: Mapping[int, str]) -> Any:
         _handler(module, name, ir.IntType(bits))
     parsed = llvm.parse_assembly(str(module))
     parsed.verify()
-    options = llvm.create_pipeline_tuning_options(speed_level=2)
-    options.loop_unrolling = True
+    # More, or unrolled loops, take LLVM three times as long and make programs no faster.
+    options = llvm.create_pipeline_tuning_options(speed_level=1)
+    options.loop_unrolling = False
     llvm.create_pass_builder(machine, options).getModulePassManager().run(
         parsed, llvm.create_pass_builder(machine, options)
     )

@@ -7,6 +7,7 @@ depends on the design alone is computed once.
 
 from collections import Counter
 from collections.abc import Sequence
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -98,31 +99,28 @@ def _fuse(
     op: list[int], args: list[tuple[int, ...]], level: list[int], live: list[int], uses: Counter, one: int
 ) -> list[int]:
     """Products that only one sum uses become part of it; what is left of `live`."""
+    products = {i for i in live if op[i] == Op.MUL and uses[i] == 1}
     gone = set()
-
-    def product(i: int, into: int) -> bool:
-        return op[i] == Op.MUL and uses[i] == 1 and level[i] == level[into] and i not in gone
-
-    def within(pair: tuple[int, int], into: int) -> tuple[int, ...]:
-        """The factors of a summand that is a product times one."""
-        for a, b in (pair, pair[::-1]):
-            if b == one and product(a, into):
-                gone.add(a)
-                return args[a]
-        return pair
-
     for i in live:
+        own = products.intersection(args[i]) if op[i] in (Op.ADD, Op.SUB, Op.DOT) else ()
+        own = [a for a in own if level[a] == level[i]]
+        if not own:
+            continue
         if op[i] == Op.DOT:
-            pairs = zip(args[i][::2], args[i][1::2], strict=True)
-            args[i] = tuple(value for pair in pairs for value in within(pair, i))
-        if op[i] not in (Op.ADD, Op.SUB):
+            summands: list[int] = []
+            for a, b in zip(args[i][::2], args[i][1::2], strict=True):
+                factor = a if b == one else b if a == one else None
+                if factor in own:
+                    gone.add(factor)
+                summands += args[factor] if factor in own else (a, b)
+            args[i] = tuple(summands)
             continue
         a, b = args[i]
-        if product(b, i):
+        if b in own:
             fused = Op.MULTIPLY_ADD if op[i] == Op.ADD else Op.NEGATIVE_MULTIPLY_ADD
             gone.add(b)
             op[i], args[i] = int(fused), (*args[b], a)
-        elif op[i] == Op.ADD and product(a, i):
+        elif op[i] == Op.ADD:
             gone.add(a)
             op[i], args[i] = int(Op.MULTIPLY_ADD), (*args[a], b)
     return [i for i in live if i not in gone]
@@ -157,23 +155,20 @@ def _arrange(
     )
 
 
-def _kind(op: list[int], args: list[tuple[int, ...]], i: int) -> tuple[int, int]:
-    """What one run of the code holds: an operation, and for a DOT or LOOKUP of how many terms."""
-    terms = {Op.DOT: len(args[i]) // 2, Op.LOOKUP: len(args[i]) - 1}
-    return op[i], terms.get(Op(op[i]), 0)
-
-
 def _code(
     op: list[int], args: list[tuple[int, ...]], order: list[int], slot: dict[int, int], word: type
 ) -> Integer[np.ndarray, " words"]:
+    terms = {int(Op.DOT): lambda a: len(a) // 2, int(Op.LOOKUP): lambda a: len(a) - 1}
+    kinds = [(op[i], terms[op[i]](args[i])) if op[i] in terms else (op[i],) for i in order]
     code: list[int] = []
     at = 0
-    while at < len(order):
-        kind, end = _kind(op, args, order[at]), at
-        while end < len(order) and end - at < LONGEST_RUN and _kind(op, args, order[end]) == kind:
-            end += 1
-        code += [kind[0], end - at, *([kind[1]] if kind[1] else [])]
-        for i in order[at:end]:
-            code += [slot[i], *(slot[a] for a in args[i])]
-        at = end
+    for (operation, *size), same in groupby(kinds):
+        left = len(list(same))
+        while left:
+            count = min(left, LONGEST_RUN)
+            code += [operation, count, *size]
+            for i in order[at : at + count]:
+                code.append(slot[i])
+                code += [slot[a] for a in args[i]]
+            at, left = at + count, left - count
     return np.array(code, dtype=word)

@@ -18,6 +18,7 @@ from exosight.mechanics.term import Term
 from exosight.mechanics.tree import Body, Tree
 from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.camera import Camera, Visibility
+from exosight.system.contact_checks import check_contact
 from exosight.system.schema import Channel, Schema, ViewSpec
 from exosight.system.sensors import (
     CentreOfPressure,
@@ -120,7 +121,8 @@ class System(eqx.Module):
     energies    further terms, such as weight
     visibility  which of several tubes cameras show, see `exosight.system.camera.Visibility` (static)
 
-    Raises InputError for a name that is used twice, or one that names nothing.
+    Raises InputError for a name that is used twice, or one that names nothing, and for contacts of surfaces
+    that are none or overlap at rest, or of a stiffness that steps cannot resolve.
     """
 
     name: str = eqx.field(static=True)
@@ -138,10 +140,11 @@ class System(eqx.Module):
         surfaces = {surface.name: surface for surface in self.surfaces}
         check_unique("surfaces", (surface.name for surface in self.surfaces))
         check_unique("contacts", (contact.name for contact in self.contacts))
+        tree = Tree(self.bodies)
         for contact in self.contacts:
             for side in (contact.first, contact.second):
                 check_name(f"surface of contact {contact.name}", side, surfaces)
-            _contact_term(contact, surfaces, Tree(self.bodies))
+            check_contact(f"contacts.{contact.name}", _contact_term(contact, surfaces, tree), tree)
         for sensor in self.sensors:
             if isinstance(sensor, ContactForce | ForcePerLength | CentreOfPressure):
                 check_name(f"surface of sensor {sensor.spec.name}", sensor.surface, surfaces)
