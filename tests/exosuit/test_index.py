@@ -57,6 +57,16 @@ def test_zones_sum_to_what_the_exosuit_presses_with(path: SystemStates, system: 
     np.testing.assert_allclose(np.asarray(on["exosuit"].force).sum(axis=0), -pressed.sum(axis=0), atol=1e-13)
 
 
+def test_a_way_that_returns_gives_its_energy_back(path: SystemStates) -> None:
+    """Up to the first snap on the way up, and from the last one on the way down, all is stored."""
+    snaps, energy = np.flatnonzero(path.equilibria.snapped), path.equilibria.energy
+    loads = np.arange(1, min(snaps[0], len(UP)))
+    loads = loads[2 * len(UP) - 2 - loads >= snaps[-1]]
+    assert len(loads) >= 5
+    # The solver's tolerance of a pose is 1e-10, and energy is flat there.
+    np.testing.assert_allclose(energy[2 * len(UP) - 2 - loads], energy[loads], rtol=1e-9)
+
+
 def test_the_exosuit_does_not_cross_itself(path: SystemStates) -> None:
     assert path.equilibria.converged.all()
     assert not crosses_itself(np.asarray(path.observation.axes["exosuit"])).any()

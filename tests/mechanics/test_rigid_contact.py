@@ -11,13 +11,13 @@ from scipy.optimize import minimize
 
 from exosight import lie
 from exosight.mechanics import Gravity, Link, Prismatic, Revolute, Robot, drive, walk
-from exosight.mechanics.cones import Cones, closest_pair
+from exosight.mechanics.cones import Cones, between, closest_pair
 from exosight.mechanics.evaluator import program_of
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.surface_contact import Plane, Solids
 
 STIFFNESS = 2e4
-COUNT = 80
+COUNT = 48
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_the_closest_pair_is_the_closest(cones: tuple[Cones, Cones]) -> None:
     """Against L-BFGS-B; f is convex, so round-off is all that is between them."""
     s, t = jax.jit(closest_pair)(*cones)
     ours = [_gap(cones, i, np.array([s[i], t[i]])) for i in range(COUNT)]
-    assert sum(0 < float(x) < 1 and 0 < float(y) < 1 for x, y in zip(s, t, strict=True)) >= 10
+    assert sum(0 < float(x) < 1 and 0 < float(y) < 1 for x, y in zip(s, t, strict=True)) >= 6
 
     def least(i: int) -> float:
         def scaled(z: np.ndarray) -> float:
@@ -54,6 +54,20 @@ def test_the_closest_pair_is_the_closest(cones: tuple[Cones, Cones]) -> None:
     assert (np.array(ours) <= theirs + 1e-16).all()
     # Its differences of 1e-8 leave a gradient of 1e-8 of the length.
     np.testing.assert_allclose(ours, theirs, atol=1e-9)
+
+
+def test_the_closest_pair_is_that_of_ipctk() -> None:
+    """Axes of capsules; its edges that are parallel to 1e-6 are up to 5e-10 m too far apart, ours are not."""
+    ipctk = pytest.importorskip("ipctk", reason="needs the extra compare")
+    random = np.random.default_rng(1)
+    ends = 0.02 * random.normal(size=(500, 4, 3))
+    none = jnp.zeros(len(ends))
+    first, second = (
+        Cones(jnp.asarray(ends[:, i]), jnp.asarray(ends[:, i + 1] - ends[:, i]), none, none) for i in (0, 2)
+    )
+    ours = jax.jit(lambda a, b: between(a, b, *closest_pair(a, b))[1])(first, second)
+    theirs = [np.sqrt(ipctk.edge_edge_distance(*points)) for points in ends]
+    np.testing.assert_allclose(ours, theirs, atol=1e-16)
 
 
 def _gap(cones: tuple[Cones, Cones], i: int, z: np.ndarray) -> float:

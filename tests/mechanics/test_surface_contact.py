@@ -2,10 +2,12 @@
 
 from collections.abc import Callable
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
 from exosight import lie
@@ -20,6 +22,7 @@ from exosight.mechanics.surface_contact import (
     contacts,
     line_stiffness,
 )
+from exosight.mechanics.tree import Tree
 from exosight.mechanics.tube_contact import FAR, TubeContact
 
 STIFFNESS = 3e5
@@ -279,3 +282,48 @@ def test_programs_evaluate_both_contacts() -> None:
     robot = Robot((soft, bone), terms)
     shapes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(robot))
     assert program_of(jax.tree.structure(robot), shapes, 0) is not None
+
+
+def two_rods(mount: np.ndarray, points: Gauss) -> float:
+    """Force [N] of a straight tube of radius 5 mm on another one, at 0, with a mount of its own."""
+    radius = jnp.full(points.size, 0.005)
+    rods = [
+        Rod(
+            name,
+            LENGTH,
+            Circular(radius),
+            young=3e5,
+            strains={"bend_y": NodalQuadratic(1)},
+            quadrature=points,
+        )
+        for name in ("first", "second")
+    ]
+    rods[1] = eqx.tree_at(lambda each: each.mount, rods[1], jnp.asarray(mount))
+    tree = Tree(tuple(rods))
+    contact = TubeContact(Tube("first", radius), Tube("second", radius), jnp.array(STIFFNESS))
+    force, _ = eqx.filter_jit(lambda tree, term: term.forces(tree, walk(tree, jnp.zeros(6)).pose))(
+        tree, contact
+    )
+    return float(-force[:, 2].sum())
+
+
+def test_two_tubes_side_by_side() -> None:
+    """0.1 mm deep: k d a length, and that of the round end."""
+    pushed = two_rods(np.asarray(lie.translation(jnp.array([0.0, 0.0, 0.0099]))), Gauss(5, 4))
+    assert pushed == pytest.approx(STIFFNESS * 1e-4 * (LENGTH + 0.5 * 0.005), rel=1e-12)
+
+
+@pytest.mark.parametrize("angle", [90.0, 30.0])
+def test_two_crossed_tubes(angle: float) -> None:
+    """0.5 mm deep at height h: k ∫ (2 r − √(h² + s² sin² φ)) h / √(h² + s² sin² φ) ds where they overlap."""
+    height, sine = 0.0095, np.sin(np.deg2rad(angle))
+    turned = lie.exp(jnp.array([0.0, 0.0, np.deg2rad(angle), 0.0, 0.0, 0.0]))
+    mount = (
+        lie.translation(jnp.array([LENGTH / 2, 0.0, height]))
+        @ turned
+        @ lie.translation(jnp.array([-LENGTH / 2, 0.0, 0.0]))
+    )
+    half = np.sqrt(0.01**2 - height**2) / sine
+    line, _ = quad(lambda s: (0.01 / np.hypot(height, s * sine) - 1) * height, -half, half)
+    # Points 0.6 mm apart, and a kink of the traction where the overlap ends.
+    assert two_rods(np.asarray(mount), Gauss(20, 8)) == pytest.approx(STIFFNESS * line, rel=0.01)

@@ -81,17 +81,17 @@ def _profile_panels(
         nodes = np.asarray(tube.along(system.robot))
         ends = [] if len(tube.bodies) == 1 else 1e3 * nodes[1:-1]
         for part, vectors in (("", whole), ("tangential ", whole - normal)):
-            size = np.linalg.norm(vectors, axis=-1)
-            if not size.any():
-                continue
             # Constant beyond the last places.
+            sizes = {i: np.pad(np.linalg.norm(vectors[i], axis=-1), 1, mode="edge") for i in names}
+            top = max((size.max() for size in sizes.values()), default=0.0)
+            if top == 0:
+                continue
             lines = [
-                Curve(name, 1e3 * np.array([0, *places[i], nodes[-1]]), np.pad(size[i], 1, mode="edge"))
-                for i, name in names.items()
+                Curve(names[i], 1e3 * np.array([0, *places[i], nodes[-1]]), size) for i, size in sizes.items()
             ]
             for number, end in enumerate(ends):  # Matplotlib leaves names with _ out of the legend
                 name = "_" if number else "ends of links"
-                lines.append(Curve(name, np.full(2, end), np.array([0, size.max()]), target=True))
+                lines.append(Curve(name, np.full(2, end), np.array([0, top]), target=True))
             yield Panel(
                 f"{part}force per length\non {tube.name} [N/m]",
                 tuple(lines),

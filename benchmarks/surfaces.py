@@ -1,0 +1,105 @@
+"""Contact of surfaces on exosuits of `index`: does the way back differ, and do the rod's points matter?
+
+0 → 4 → 0 N at 101 loads, with 8 points an element, and with 16. Writes docs/results/surfaces.json.
+
+    python -m benchmarks.surfaces [--shapes 110]
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from exosight.exosuit import assembly
+from exosight.exosuit.index import index
+from exosight.exosuit.scenarios import SampledShape, sample_shapes
+from exosight.mechanics import Equilibria, Gauss, drive
+from exosight.system.observation import observe
+from exosight.system.system import stack_systems
+
+RESULT = Path(__file__).parent.parent / "docs" / "results" / "surfaces.json"
+
+LOADS = np.concatenate([np.linspace(0, 4, 51), np.linspace(0, 4, 51)[-2::-1]])[:, None]
+"""0 → 4 → 0 N."""
+DIFFERENT = 0.005
+"""Difference of F_net between the ways up and down that counts [N]."""
+LEAST = 0.02
+"""F_net from which shares of it are taken [N]."""
+
+
+class Driven(NamedTuple):
+    """Exosuits along the path: equilibria, F_net (shapes, loads), zones C1 … (shapes, loads, zones) [N]."""
+
+    found: Equilibria
+    net: np.ndarray
+    zones: np.ndarray
+
+
+def driven(samples: list[SampledShape], points: int) -> Driven:
+    """Every exosuit with so many points an element."""
+    before, assembly.QUADRATURE = assembly.QUADRATURE, Gauss(5, points)
+    systems = [index(sample.shape) for sample in samples]
+    assembly.QUADRATURE = before
+    found = drive([system.robot for system in systems], LOADS)
+    readings = np.asarray(observe(stack_systems(systems), found.q).readings)
+    names = [sensor.name for sensor in systems[0].schema.sensors]
+    zones = [i for i, name in enumerate(names) if name in systems[0].schema.outputs]
+    return Driven(found, readings[..., names.index("F_net")], readings[..., zones])
+
+
+def reversal(run: Driven) -> dict:
+    """Ways up and down at equal loads."""
+    there = len(LOADS) // 2 + 1
+    up, down = run.net[:, :there], run.net[:, : there - 2 : -1]
+    q, back = run.found.q[:, :there], run.found.q[:, : there - 2 : -1]
+    energy, returned = run.found.energy[:, :there], run.found.energy[:, : there - 2 : -1]
+    same = np.abs(q - back).max(axis=-1) < 1e-6 * np.abs(q).max(axis=(1, 2))[:, None]
+    stored = np.abs(energy - returned) / np.abs(energy).max(axis=1, keepdims=True)
+    return {
+        "states that did not converge": int((~run.found.converged).sum()),
+        "snaps a path": round(float(run.found.snapped.sum(axis=1).mean()), 2),
+        "share of loads with F_net over 5 mN apart": round(float((np.abs(up - down) > DIFFERENT).mean()), 4),
+        "share of loads at the same pose": round(float(same.mean()), 4),
+        "largest difference of energy at the same pose, in the path's largest": float(stored[same].max()),
+    }
+
+
+def refinement(coarse: Driven, fine: Driven) -> dict:
+    """Twice the points along the rod, at loads before the first snap of either and where F_net counts."""
+    before = np.cumsum(coarse.found.snapped | fine.found.snapped, axis=1) == 0
+    off = before & (coarse.net > LEAST)
+    net = np.abs(fine.net - coarse.net)[off] / coarse.net[off]
+    zones = np.abs(fine.zones - coarse.zones)[off].max(axis=-1) / coarse.net[off]
+    there = len(LOADS) // 2 + 1
+    bound = 0.005 * coarse.net + 1e-12
+    everywhere = (np.abs(fine.net - coarse.net) < bound)[:, :there] | (coarse.net[:, :there] <= LEAST)
+    return {
+        "states before the first snap": int(off.sum()),
+        "F_net: median, 99 %, largest change": [float(np.quantile(net, p)) for p in (0.5, 0.99, 1)],
+        "worst zone in F_net: median, 99 %, largest": [float(np.quantile(zones, p)) for p in (0.5, 0.99, 1)],
+        "share of all loads on the way up with F_net within 0.5 %": round(float(everywhere.mean()), 4),
+    }
+
+
+def main() -> None:
+    """Drive with either number of points, compare, write."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--shapes", type=int, default=110)
+    parser.add_argument("--out", type=Path, default=RESULT)
+    given = parser.parse_args()
+    samples = sample_shapes(10, seed=0)[: given.shapes]
+    result: dict = {"name": "surfaces", "shapes": len(samples), "loads": len(LOADS)}
+    began = time.perf_counter()
+    coarse = driven(samples, 8)
+    result["up and down"] = reversal(coarse)
+    print(json.dumps(result, indent=1), time.perf_counter() - began, flush=True)
+    result["twice the points"] = refinement(coarse, driven(samples, 16))
+    given.out.write_text(json.dumps(result, indent=1) + "\n")
+    print(json.dumps(result, indent=1), time.perf_counter() - began, flush=True)
+
+
+if __name__ == "__main__":
+    main()
