@@ -196,7 +196,7 @@ def test_the_command_writes_the_files_of_a_view(
         (["--vary", "family=cube"], "design.family: expected one of linear, sine, "),
         (["--drive", "9"], "drive.0.u: expected 0 to 4 N, got 9"),
         (["--vary", "r0=1 mm"], "design.r0: expected 4 to 10 mm, got 1"),
-        (["--system", "none"], "system: expected published, index or a file"),
+        (["--system", "none"], "system: expected published, index, index-friction or a file"),
         (["--vary", "a=1"], "vary: expected ENTRY=VALUE, where ENTRY is family, length, "),
         (["--system", str(THUMB), "--vary", "gap=1 mm"], "vary: expected ENTRY=VALUE, where ENTRY is rods."),
         (["--system", str(THUMB), "--vary", "rods.sleeve.young=1 mm"], "young: expected a value in kPa"),
