@@ -12,11 +12,12 @@ import os
 import sys
 from collections import Counter
 from importlib.metadata import version
+from importlib.util import cache_from_source
 from pathlib import Path
 
 import hypothesis
 import pytest
-from jaxtyping import install_import_hook
+from jaxtyping import _import_hook, install_import_hook
 
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
@@ -29,6 +30,21 @@ if version("jaxlib").startswith("0.10."):  # a flag that a version does not know
 hypothesis.settings.register_profile("exosight", deadline=None, max_examples=40)
 hypothesis.settings.load_profile("exosight")
 
+# The hook names compiled files of all that is imported meanwhile as its own: every process compiled 2000
+# modules of other packages anew; and those that tests start, the package, where Python was to write nothing.
+SOURCE = str(Path(__file__).parents[1] / "src")
+_of_checked = _import_hook._optimized_cache_from_source
+
+
+def _compiled_file(typechecker: str, path: str, *rest: object) -> str:
+    return (
+        _of_checked(typechecker, path, *rest) if path.startswith(SOURCE) else cache_from_source(path, *rest)
+    )
+
+
+_import_hook._optimized_cache_from_source = _compiled_file
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 install_import_hook("exosight", "beartype.beartype")
 
 # Tracing makes so many objects that collecting garbage as often as usual takes 7 % of the time.

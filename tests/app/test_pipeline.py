@@ -170,6 +170,10 @@ def test_shipped_network_is_judged_on_the_designs_that_it_has_not_learned_from(f
     [
         ({"schema": mixed_schema(32, 32)}, "expected the sensors zone_0, .*, got C1, C2"),
         ({"schema": published_schema(32, 36)}, "camera camera: expected width 36, got 32"),
+        (
+            {"schema": published_schema(32, 32, "depth")},
+            "camera camera: expected visibility depth, got stacked",
+        ),
     ],
 )
 def test_a_network_of_another_system_is_refused(first: Data, changes: dict, said: str) -> None:

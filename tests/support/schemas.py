@@ -3,14 +3,15 @@
 from dataclasses import replace
 
 from exosight.exosuit.published import PublishedDesigns
+from exosight.system.camera import Visibility
 from exosight.system.schema import Channel, Schema, SensorSpec, ViewSpec
 
 _PUBLISHED = PublishedDesigns().schema
 
 
-def published_schema(height: int = 128, width: int = 128) -> Schema:
+def published_schema(height: int = 128, width: int = 128, visibility: Visibility = "stacked") -> Schema:
     """That of the published system, with images of another size."""
-    return replace(_PUBLISHED, cameras=(ViewSpec("camera", width, height),))
+    return replace(_PUBLISHED, cameras=(ViewSpec("camera", width, height, visibility),))
 
 
 def mixed_schema(height: int = 32, width: int = 32) -> Schema:

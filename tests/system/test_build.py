@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from exosight.errors import InputError
 from exosight.mechanics import PressureLine, Rod, drive, walk
 from exosight.mechanics.rod import STRAINS
 from exosight.system.description import Strain
@@ -141,6 +142,13 @@ def test_shares_of_zones_sum_to_one(middles: list[float], place: float) -> None:
     assert sum(shares) == pytest.approx(1, abs=1e-12)
     assert min(shares) >= 0
     assert np.count_nonzero(shares) <= 2
+
+
+def test_a_file_is_seen_in_depth_order_unless_it_says_otherwise(system: Make) -> None:
+    assert [view.visibility for view in system().schema.cameras] == ["depth"]
+    assert system(("format = 1", 'format = 1\nvisibility = "stacked"')).visibility == "stacked"
+    with pytest.raises(InputError, match="visibility: expected 'depth' or 'stacked', got 'deep'"):
+        system(("format = 1", 'format = 1\nvisibility = "deep"'))
 
 
 def test_turns_wind_a_line_once_around(system: Make) -> None:

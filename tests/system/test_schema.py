@@ -37,6 +37,16 @@ def test_what_is_written_reads_back() -> None:
     assert difference(SCHEMA, schema_from_dict(schema_to_dict(SCHEMA))) is None
 
 
+def test_images_of_a_file_that_does_not_say_their_visibility_are_stacked() -> None:
+    """So are those of networks and datasets from before there was a choice; what identifies them stays."""
+    values = schema_to_dict(SCHEMA)
+    assert values["cameras"] == [{"name": "side", "width": 128, "height": 96}]
+    assert schema_from_dict(values).cameras[0].visibility == "stacked"
+    deep = replace(SCHEMA, cameras=(ViewSpec("side", 128, 96, "depth"),))
+    assert schema_from_dict(schema_to_dict(deep)) == deep
+    assert network_difference(SCHEMA, deep) == "camera side: expected visibility stacked, got depth"
+
+
 def test_sums_follow_from_outputs() -> None:
     assert SCHEMA.outputs == ("a", "b", "angle")
     assert SCHEMA.output_indices() == [0, 1, 5]

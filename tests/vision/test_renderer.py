@@ -1,7 +1,9 @@
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import jaxtyping
@@ -9,32 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tubes import CAMERA, SCALE, assert_alike, coverage, curl, tube
 
 import exosight
 from exosight.errors import InputError
 from exosight.vision import BACKGROUND, Camera, Tube, render, resized
 from exosight.vision.renderer import AMBIENT
-
-# A power of two, so that shifts by whole pixels are exact in floating point.
-SCALE = 2.0**-10
-CAMERA = Camera(centre=(0.0, 0.0), metres_per_pixel=SCALE, width=64, height=48)
-
-
-def tube(nodes, radii, shade=0.0) -> Tube:
-    """One frame from nodes (x, z) and radii, both in pixels of CAMERA from its centre."""
-    nodes = np.asarray(nodes, float) * SCALE
-    centres = np.stack([nodes[:, 0], np.zeros(len(nodes)), nodes[:, 1]], axis=-1)
-    return Tube(centres[None], np.asarray(radii, float)[None] * SCALE, shade)
-
-
-def coverage(image: np.ndarray) -> np.ndarray:
-    """Share of each pixel that a black tube covers."""
-    return 1 - image / BACKGROUND
-
-
-def assert_alike(a: np.ndarray, b: np.ndarray) -> None:
-    """Equal to one gray: round-off may tip the rounding of a pixel."""
-    assert np.abs(a.astype(int) - b).max() <= 1
 
 
 def hull_area(length: float, r: float, s: float) -> float:
@@ -43,12 +25,13 @@ def hull_area(length: float, r: float, s: float) -> float:
     return length * np.cos(lean) * (r + s) + r**2 * (np.pi / 2 + lean) + s**2 * (np.pi / 2 - lean)
 
 
-def curl(nodes: int = 42) -> tuple[np.ndarray, np.ndarray]:
-    """A tapered rod that curls over itself [pixels]."""
-    s = np.linspace(0, 1, nodes)
-    radius = 16 - 9 * s
-    angle = 2.6 * np.pi * s
-    return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=-1), 5 - 2 * s
+stacked = partial(render, visibility="stacked")
+
+
+@pytest.fixture(scope="module", params=[render, stacked], ids=["depth", "stacked"])
+def draw(request) -> Callable:
+    """Render in either order."""
+    return request.param
 
 
 pixels = st.floats(-60, 60)
@@ -57,30 +40,30 @@ bodies = st.lists(st.tuples(pixels, pixels, st.floats(1, 12)), min_size=2, max_s
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 1.0, np.pi / 2])
 @pytest.mark.parametrize(("r", "s"), [(6.0, 6.0), (9.3, 3.1), (4.0, 7.7)])
-def test_area_is_that_of_the_hull_of_two_discs(angle, r, s):
+def test_area_is_that_of_the_hull_of_two_discs(draw, angle, r, s):
     ends = np.array([[-8.3, -7.2], [8.3, 7.2]]) * [[np.cos(angle), np.sin(angle)]]
-    image = render([tube(ends, [r, s])], CAMERA)[0]
+    image = draw([tube(ends, [r, s])], CAMERA)[0]
     length = np.hypot(*(ends[1] - ends[0]))
     # Along the edge, coverage errs by up to 0.06 of a pixel, with a sign that alternates (measured: 0.3 %).
     assert coverage(image).sum() == pytest.approx(hull_area(length, r, s), rel=0.005)
 
 
-def test_area_error_falls_with_resolution():
+def test_area_error_falls_with_resolution(draw):
     rng, r, s = np.random.default_rng(0), 8.1, 3.3
     errors = {1: [], 8: []}
     for _ in range(8):
         ends = np.array([[-10, -5], [10, 6]]) + rng.random((2, 2))
         for factor, found in errors.items():
-            image = render([tube(ends, [r, s])], resized(CAMERA, 64 * factor, 48 * factor))[0]
+            image = draw([tube(ends, [r, s])], resized(CAMERA, 64 * factor, 48 * factor))[0]
             found.append(coverage(image).sum() / factor**2 - hull_area(np.hypot(*(ends[1] - ends[0])), r, s))
     coarse, fine = (np.sqrt(np.mean(np.square(errors[factor]))) for factor in (1, 8))
     assert fine < coarse / 16  # between first order (8) and second order (64)
 
 
 @pytest.mark.parametrize("r", [0.05, 0.2, 0.4, 0.7])
-def test_tube_thinner_than_a_pixel_covers_its_own_width(r):
+def test_tube_thinner_than_a_pixel_covers_its_own_width(draw, r):
     # Far ends lie outside the picture, so only the straight part counts. Half a gray is 1/470 of a pixel.
-    image = render([tube([[-100, 3.37], [100, 3.37]], [r, r])], CAMERA)[0]
+    image = draw([tube([[-100, 3.37], [100, 3.37]], [r, r])], CAMERA)[0]
     assert coverage(image).sum(axis=0) == pytest.approx(np.full(64, 2 * r), abs=2 / 470)
 
 
@@ -88,7 +71,7 @@ def test_tube_thinner_than_a_pixel_covers_its_own_width(r):
 @settings(max_examples=20, deadline=None)
 def test_picture_is_the_union_of_spheres_along_the_axis(nodes):
     nodes = np.array(nodes)
-    image = render([tube(nodes[:, :2], nodes[:, 2])], CAMERA)[0]
+    image = stacked([tube(nodes[:, :2], nodes[:, 2])], CAMERA)[0]
     fine = np.linspace(0, len(nodes) - 1, 600 * (len(nodes) - 1) + 1)
     spheres = np.array([np.interp(fine, np.arange(len(nodes)), column) for column in nodes.T]).T
     columns, rows = np.meshgrid(np.arange(64) + 0.5 - 32, np.arange(48) + 0.5 - 24)
@@ -104,8 +87,8 @@ def test_picture_is_the_union_of_spheres_along_the_axis(nodes):
 @settings(max_examples=20, deadline=None)
 def test_mirrored_scene_is_mirrored_picture(nodes):
     nodes = np.array(nodes)
-    image = render([tube(nodes[:, :2], nodes[:, 2], 0.5)], CAMERA)[0]
-    mirrored = render([tube(nodes[:, :2] * [-1, 1], nodes[:, 2], 0.5)], CAMERA)[0]
+    image = stacked([tube(nodes[:, :2], nodes[:, 2], 0.5)], CAMERA)[0]
+    mirrored = stacked([tube(nodes[:, :2] * [-1, 1], nodes[:, 2], 0.5)], CAMERA)[0]
     assert_alike(image[:, ::-1], mirrored)
 
 
@@ -113,50 +96,50 @@ def test_mirrored_scene_is_mirrored_picture(nodes):
 @settings(max_examples=20, deadline=None)
 def test_outline_is_symmetric_upside_down(nodes):
     nodes = np.array(nodes)
-    image = render([tube(nodes[:, :2], nodes[:, 2])], CAMERA)[0]
-    assert_alike(image[::-1], render([tube(nodes[:, :2] * [1, -1], nodes[:, 2])], CAMERA)[0])
+    image = stacked([tube(nodes[:, :2], nodes[:, 2])], CAMERA)[0]
+    assert_alike(image[::-1], stacked([tube(nodes[:, :2] * [1, -1], nodes[:, 2])], CAMERA)[0])
 
 
 @given(bodies)
 @settings(max_examples=20, deadline=None)
 def test_direction_of_the_axis_does_not_matter(nodes):
     nodes = np.array(nodes)
-    image = render([tube(nodes[:, :2], nodes[:, 2])], CAMERA)[0]
-    assert_alike(image, render([tube(nodes[::-1, :2], nodes[::-1, 2])], CAMERA)[0])
+    image = stacked([tube(nodes[:, :2], nodes[:, 2])], CAMERA)[0]
+    assert_alike(image, stacked([tube(nodes[::-1, :2], nodes[::-1, 2])], CAMERA)[0])
 
 
-def test_shift_by_whole_pixels_shifts_the_picture():
+def test_shift_by_whole_pixels_shifts_the_picture(draw):
     nodes, radii = np.array([[-9.3, 2.1], [1.4, 6.7], [8.2, -3.3]]), [3.0, 4.5, 2.0]
-    image = render([tube(nodes, radii, 0.7)], CAMERA)[0]
-    moved = render([tube(nodes + np.array([5, -7]), radii, 0.7)], CAMERA)[0]
+    image = draw([tube(nodes, radii, 0.7)], CAMERA)[0]
+    moved = draw([tube(nodes + np.array([5, -7]), radii, 0.7)], CAMERA)[0]
     assert_alike(np.roll(image, (7, 5), axis=(0, 1)), moved)
 
 
-def test_averaged_fine_picture_is_the_coarse_picture():
+def test_averaged_fine_picture_is_the_coarse_picture(draw):
     bodies = [tube([[-20, -9], [0, -12], [14, -20]], [8, 5, 3], 0.7), tube(*curl(), 0.35)]
-    coarse = render(bodies, CAMERA)[0]
-    fine = render(bodies, resized(CAMERA, 128, 96))[0].reshape(48, 2, 64, 2).mean(axis=(1, 3))
+    coarse = draw(bodies, CAMERA)[0]
+    fine = draw(bodies, resized(CAMERA, 128, 96))[0].reshape(48, 2, 64, 2).mean(axis=(1, 3))
     difference = np.abs(coarse - fine)
     assert np.sqrt(np.mean(difference**2)) < 2.5  # one gray in a hundred
     # Only in creases and in gaps narrower than a pixel do two edges share one; coarse pixels see the nearer.
     assert np.mean(difference > 8) < 0.01
 
 
-def test_small_view_is_a_cut_out_of_a_large_one():
+def test_small_view_is_a_cut_out_of_a_large_one(draw):
     body = tube([[-40, -9], [0, -12], [34, -50]], [8, 5, 3], 0.7)
-    large = render([body], Camera(centre=(0.0, 0.0), metres_per_pixel=SCALE, width=128, height=128))[0]
-    assert_alike(large[40:88, 32:96], render([body], CAMERA)[0])
+    large = draw([body], Camera(centre=(0.0, 0.0), metres_per_pixel=SCALE, width=128, height=128))[0]
+    assert_alike(large[40:88, 32:96], draw([body], CAMERA)[0])
 
 
 @pytest.mark.parametrize("shift", [[41, 0], [-41, 0], [0, 33], [0, -33], [1e8, 1e8]])
-def test_tube_outside_the_picture_leaves_the_background(shift):
-    image = render([tube(np.array([[-5, 0], [5, 0]]) * [0.8, 1] + shift, [4.4, 4.4])], CAMERA)[0]
+def test_tube_outside_the_picture_leaves_the_background(draw, shift):
+    image = draw([tube(np.array([[-5, 0], [5, 0]]) * [0.8, 1] + shift, [4.4, 4.4])], CAMERA)[0]
     assert np.all(image == BACKGROUND)
 
 
 @pytest.mark.parametrize("shift", [[40, 0], [-40, 0], [0, 28], [0, -28]])
-def test_tube_that_touches_the_picture_shows(shift):
-    image = render([tube(np.array([[-4, 0], [4, 0]]) + shift, [4.6, 4.6])], CAMERA)[0]
+def test_tube_that_touches_the_picture_shows(draw, shift):
+    image = draw([tube(np.array([[-4, 0], [4, 0]]) + shift, [4.6, 4.6])], CAMERA)[0]
     assert np.any(image < BACKGROUND)
 
 
@@ -169,31 +152,31 @@ def test_tube_that_touches_the_picture_shows(shift):
     st.floats(0, 1),
 )
 @settings(max_examples=100, deadline=None)
-def test_any_valid_tube_renders(nodes, shade):
+def test_any_valid_tube_renders(draw, nodes, shade):
     nodes = np.array(nodes)
     centres = np.stack([nodes[:, 0], nodes[:, 0], nodes[:, 1]], axis=-1)
-    image = render([Tube(centres[None], nodes[None, :, 2], shade)], CAMERA)[0]
+    image = draw([Tube(centres[None], nodes[None, :, 2], shade)], CAMERA)[0]
     lightest = max(BACKGROUND, int(255 * shade + 0.5))
     assert image.max() <= lightest
     assert image.min() >= min(BACKGROUND, int(255 * shade * AMBIENT))
 
 
-def test_joints_leave_no_seam():
+def test_joints_leave_no_seam(draw):
     ends, radii = np.array([[-14.3, -5.1], [15.2, 6.4]]), np.array([8.0, 3.0])
     share = np.sort(np.r_[0, np.random.default_rng(0).random(40), 1])[:, None]
     many = tube(ends[0] + share * (ends[1] - ends[0]), radii[0] + share[:, 0] * (radii[1] - radii[0]), 0.7)
-    assert_alike(render([tube(ends, radii, 0.7)], CAMERA), render([many], CAMERA))
+    assert_alike(draw([tube(ends, radii, 0.7)], CAMERA), draw([many], CAMERA))
 
 
 def test_going_over_a_tube_twice_darkens_nothing():
     nodes, radii = curl()
-    once = render([tube(nodes, radii, 0.6)], CAMERA)
-    back = render([tube(np.r_[nodes, nodes[::-1]], np.r_[radii, radii[::-1]], 0.6)], CAMERA)
+    once = stacked([tube(nodes, radii, 0.6)], CAMERA)
+    back = stacked([tube(np.r_[nodes, nodes[::-1]], np.r_[radii, radii[::-1]], 0.6)], CAMERA)
     assert_alike(once, back)
 
 
-def test_coincident_nodes_draw_one_sphere():
-    image = render([tube([[1.5, 2.5], [1.5, 2.5]], [6.0, 9.0])], CAMERA)[0]
+def test_coincident_nodes_draw_one_sphere(draw):
+    image = draw([tube([[1.5, 2.5], [1.5, 2.5]], [6.0, 9.0])], CAMERA)[0]
     assert coverage(image).sum() == pytest.approx(np.pi * 81, rel=0.005)  # as for the other areas
 
 
@@ -201,22 +184,22 @@ def test_depth_along_the_view_does_not_matter():
     nodes, radii = curl()
     flat = tube(nodes, radii, 0.4)
     deep = Tube(flat.centres + np.linspace(0, 1, 42)[:, None] * [0, 1, 0], flat.radii, 0.4)
-    np.testing.assert_array_equal(render([flat], CAMERA), render([deep], CAMERA))
+    np.testing.assert_array_equal(stacked([flat], CAMERA), stacked([deep], CAMERA))
 
 
 def test_later_tube_hides_earlier_one():
     one, other = tube([[-20, 0], [20, 0]], [6, 6], 0.9), tube([[0, -20], [0, 20]], [6, 6], 0.3)
-    alone = render([other], CAMERA)[0]
-    both = render([one, other], CAMERA)[0]
+    alone = stacked([other], CAMERA)[0]
+    both = stacked([one, other], CAMERA)[0]
     inside = np.abs(np.arange(64) + 0.5 - 32) < 5
     np.testing.assert_array_equal(both[:, inside], alone[:, inside])
-    swapped = render([other, one], CAMERA)[0]
-    np.testing.assert_array_equal(swapped[20:28], render([one], CAMERA)[0, 20:28])
+    swapped = stacked([other, one], CAMERA)[0]
+    np.testing.assert_array_equal(swapped[20:28], stacked([one], CAMERA)[0, 20:28])
 
 
-def test_horizontal_tube_is_lit_like_a_cylinder():
+def test_horizontal_tube_is_lit_like_a_cylinder(draw):
     r = 20.0
-    column = render([tube([[-100, 0], [100, 0]], [r, r], 0.8)], CAMERA)[0, :, 32]
+    column = draw([tube([[-100, 0], [100, 0]], [r, r], 0.8)], CAMERA)[0, :, 32]
     up = (24 - (np.arange(48) + 0.5)) / r
     inside = np.abs(up) < 0.97
     # Lambert: normal (up, towards the camera) times the direction of the lamp (0.6, 0.8).
@@ -226,25 +209,25 @@ def test_horizontal_tube_is_lit_like_a_cylinder():
     assert column[inside].max() in (203, 204)  # 255 × 0.8 where the surface faces the lamp
 
 
-def test_frames_are_independent_and_threads_agree():
+def test_frames_are_independent_and_threads_agree(draw):
     rng = np.random.default_rng(8)
     centres, radii = rng.normal(0, 0.02, (12, 5, 3)), rng.uniform(0.001, 0.006, (12, 5))
-    together = render([Tube(centres, radii, 0.4)], CAMERA)
+    together = draw([Tube(centres, radii, 0.4)], CAMERA)
     with ThreadPoolExecutor(4) as pool:
         alone = pool.map(
-            lambda i: render([Tube(centres[i : i + 1], radii[i : i + 1], 0.4)], CAMERA)[0], range(12)
+            lambda i: draw([Tube(centres[i : i + 1], radii[i : i + 1], 0.4)], CAMERA)[0], range(12)
         )
         np.testing.assert_array_equal(together, np.stack(list(alone)))
 
 
-def test_no_frames_give_no_pictures():
-    assert render([Tube(np.empty((0, 3, 3)), np.empty((0, 3)), 0.5)], CAMERA).shape == (0, 48, 64)
+def test_no_frames_give_no_pictures(draw):
+    assert draw([Tube(np.empty((0, 3, 3)), np.empty((0, 3)), 0.5)], CAMERA).shape == (0, 48, 64)
 
 
-def test_single_precision_is_welcome():
+def test_single_precision_is_welcome(draw):
     body = tube(*curl(), 0.4)
     single = Tube(body.centres.astype(np.float32), body.radii.astype(np.float32), 0.4)
-    assert_alike(render([body], CAMERA), render([single], CAMERA))
+    assert_alike(draw([body], CAMERA), draw([single], CAMERA))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A system's tubes: what is drawn where, and over what."""
+"""What a camera sees of a system: where, and what before what."""
 
 import numpy as np
 import pytest
@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.index import index
 from exosight.exosuit.published import EXOSUIT_SHADE, FINGER_SHADE, published
 from exosight.system.camera import Camera
 from exosight.system.observation import observe
@@ -43,7 +44,7 @@ def straight_rod(gap: float) -> np.ndarray:
 
 
 def drawn(*bodies) -> np.ndarray:
-    return render(bodies, CAMERA)[0]
+    return render(bodies, CAMERA, visibility="stacked")[0]
 
 
 def covered(image: np.ndarray) -> np.ndarray:
@@ -71,7 +72,7 @@ def test_background_shows_between_bodies_that_do_not_touch(angles, gap):
 
 @settings(deadline=None, max_examples=40)
 @given(flexions, st.floats(-0.015, 0.02))
-def test_later_tubes_are_drawn_over_earlier_ones_and_all_are_seen(angles, gap):
+def test_published_tubes_are_drawn_one_over_the_other_and_all_are_seen(angles, gap):
     axes = {"exosuit": straight_rod(gap), "finger": finger_nodes(angles)}  # its order does not matter
     finger, exosuit = tubes(SYSTEM, axes)
     image, alone, under = drawn(finger, exosuit), drawn(exosuit), drawn(finger)
@@ -82,6 +83,16 @@ def test_later_tubes_are_drawn_over_earlier_ones_and_all_are_seen(angles, gap):
     free = alone == BACKGROUND
     np.testing.assert_array_equal(image[free], under[free])
     assert (under[free] != BACKGROUND).sum() > 100
+
+
+@settings(deadline=None, max_examples=10)
+@given(flexions, st.floats(-0.015, 0.005))
+def test_the_same_surfaces_in_contact_are_seen_in_depth_order(angles, gap):
+    axes = {"exosuit": straight_rod(gap), "finger": finger_nodes(angles)}
+    system = index(WORN)
+    np.testing.assert_array_equal(picture(system, axes), render(tubes(system, axes), CAMERA))
+    black = render(tubes(system, axes, [0.0, 0.0]), CAMERA)
+    np.testing.assert_array_equal(cover(system, axes), np.rint((1 - black / BACKGROUND) * 255))
 
 
 def test_published_shades_are_apart_from_each_other_and_the_background():

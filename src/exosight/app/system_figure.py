@@ -39,7 +39,7 @@ def system_figure(system: System) -> Figure:
     ]
     for place, (name, camera) in enumerate(cameras, 1):
         axes = figure.add_subplot(grid[place])
-        axes.imshow(render(tubes, camera)[0], cmap="gray", vmin=0, vmax=255)
+        axes.imshow(render(tubes, camera, None, system.visibility)[0], cmap="gray", vmin=0, vmax=255)
         axes.set(title=f"camera {name}", xlabel="column [pixels]", ylabel="row [pixels]")
     return figure
 

@@ -9,7 +9,7 @@ from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.tree import Body
-from exosight.system.camera import Camera
+from exosight.system.camera import Camera, Visibility
 from exosight.system.description import VaryTable
 from exosight.system.schema import Channel
 from exosight.system.sensors import (
@@ -42,7 +42,7 @@ def system_tables(system: System, varied: Sequence[VaryTable] = ()) -> list[Tabl
         ),
         _channels(schema.channels),
         _sensors(system.sensors),
-        _cameras(system.cameras),
+        _cameras(system.cameras, system.visibility),
         Table(
             "varied",
             "What differs from design to design",
@@ -150,13 +150,13 @@ def _zone(zone: SphereZone | PlaceZone) -> str:
     return f"at {1e3 * float(zone.middle):.3g} mm"
 
 
-def _cameras(cameras: Sequence[tuple[str, Camera]]) -> Table:
+def _cameras(cameras: Sequence[tuple[str, Camera]], visibility: Visibility) -> Table:
     columns = (
         *(Column("camera"), Column("width", "pixels"), Column("height", "pixels")),
-        *(Column("pixel", "mm"), Column("middle x", "mm"), Column("middle z", "mm")),
+        *(Column("pixel", "mm"), Column("middle x", "mm"), Column("middle z", "mm"), Column("visibility")),
     )
     rows = tuple(
-        (name, c.width, c.height, 1e3 * c.metres_per_pixel, 1e3 * c.centre[0], 1e3 * c.centre[1])
+        (name, c.width, c.height, 1e3 * c.metres_per_pixel, 1e3 * c.centre[0], 1e3 * c.centre[1], visibility)
         for name, c in cameras
     )
     return Table("cameras", "Cameras", columns, rows)

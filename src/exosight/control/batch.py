@@ -187,7 +187,7 @@ class BatchPlant:
         chosen = np.arange(len(self)) if which is None else which
         axes = {name: axis[chosen] for name, axis in self._state.axes.items()}
         own = jax.tree.map(lambda leaf: leaf[chosen], self._stacked)
-        return render(tubes(own, axes), camera or self.systems[0].camera)
+        return render(tubes(own, axes), camera or own.camera, None, own.visibility)
 
     def _look(self, converged: Bool[np.ndarray, " plants"]) -> BatchState:
         q = np.array(self._reached.q)

@@ -44,4 +44,5 @@ def index(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINAL_CA
             Contact("fold", "exosuit", "exosuit", floats(stiffness / 2)),
         ),
         sensors=sensors,
+        visibility="depth",
     )

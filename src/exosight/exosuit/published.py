@@ -87,6 +87,7 @@ def system_of(robot: Robot, finger: Finger, camera: Camera = NOMINAL_CAMERA) -> 
         actuators=(Actuator(CHANNEL, line, floats(1.0)),),
         sensors=(*zones, NetForce(SensorSpec("F_net", "net force", "N", parts=tuple(names[1:]))), *hinges),
         cameras=(("camera", camera),),
+        visibility="stacked",
     )
 
 

@@ -47,6 +47,7 @@ def build(description: Description) -> System:
             for name, table in description.cameras.items()
         ),
         energies=weight,
+        visibility=description.visibility,
     )
     _check_use(system)
     return system

@@ -6,7 +6,7 @@ i…i+1, and its centre lies at (j + 0.5, i + 0.5).
 """
 
 import dataclasses
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +17,10 @@ from exosight.errors import InputError
 
 Metres = Annotated[float, Field(ge=-1000, le=1000)]
 LARGEST_SIDE = 8192  # pixels
+Visibility = Literal["depth", "stacked"]
+"""Which of several tubes a pixel shows: `depth`, the surface that is nearest to the camera; `stacked`, the
+tube that the system names last. `stacked` shows how deep tubes in contact overlap, which no camera sees; of
+the presets, `published` alone is seen so."""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag
 from pydantic.dataclasses import dataclass
 
-from exosight.system.camera import LARGEST_SIDE
+from exosight.system.camera import LARGEST_SIDE, Visibility
 from exosight.system.schema import Component
 from exosight.system.units import (
     Acceleration,
@@ -333,6 +333,8 @@ class Description:
     links: Links = Field(default_factory=dict)
     gravity: tuple[Acceleration, Acceleration, Acceleration] | None = None
     """on the masses of links and the density of rods"""
+    visibility: Visibility = "depth"
+    """which of several tubes cameras show: depth, the nearest surface; stacked, the last one in the file"""
     vary: Annotated[tuple[VaryTable, ...], Field(max_length=64)] = ()
     """what differs from design to design of a dataset"""
 

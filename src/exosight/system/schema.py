@@ -16,6 +16,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
 
 from exosight.errors import InputError
+from exosight.system.camera import Visibility
 from exosight.validation import CONFIG, Name, check_name, check_unique, first_fault
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -77,11 +78,14 @@ class SensorSpec:
 
 @dataclass(frozen=True, config=CONFIG)
 class ViewSpec:
-    """Name and image size of a camera [pixels]."""
+    """Name and image size of a camera [pixels], and which of several bodies its images show."""
 
     name: Name
     width: Annotated[int, Field(ge=1)]
     height: Annotated[int, Field(ge=1)]
+    visibility: Visibility = Field("stacked", exclude_if=lambda value: value == "stacked")
+    """Where a file does not say it, images were made before there was a choice. So it is left out where it is
+    `stacked`: what identifies such a dataset stays."""
 
 
 @dataclass(frozen=True, config=CONFIG)

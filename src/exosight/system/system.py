@@ -17,7 +17,7 @@ from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube
 from exosight.mechanics.term import Term
 from exosight.mechanics.tree import Body, Tree
 from exosight.mechanics.tube_contact import TubeContact
-from exosight.system.camera import Camera
+from exosight.system.camera import Camera, Visibility
 from exosight.system.contact_checks import ContactTerm, check_contacts
 from exosight.system.schema import Channel, Schema, ViewSpec
 from exosight.system.sensors import (
@@ -112,12 +112,13 @@ class System(eqx.Module):
 
     name        (static)
     bodies      rods and links in a tree, parents first
-    surfaces    geometry of the bodies; tubes are drawn in this order, later ones over earlier ones
+    surfaces    geometry of the bodies
     contacts    pairs of surfaces
     actuators   one a load channel, in the order of the channels
     sensors     in the order in which they are read
     cameras     names and cameras (static)
     energies    further terms, such as weight
+    visibility  which of several tubes cameras show, see `exosight.system.camera.Visibility` (static)
 
     Raises InputError for a name that is used twice, or one that names nothing, and for contacts of surfaces
     that are none or overlap at rest, or of a stiffness that steps cannot resolve.
@@ -131,6 +132,7 @@ class System(eqx.Module):
     sensors: tuple[Sensor, ...]
     cameras: tuple[tuple[str, Camera], ...] = eqx.field(static=True)
     energies: tuple[Term, ...] = ()
+    visibility: Visibility = eqx.field(static=True, default="depth")
 
     def __check_init__(self) -> None:
         bodies = [body.name for body in self.bodies]
@@ -163,12 +165,14 @@ class System(eqx.Module):
 
     @property
     def schema(self) -> Schema:
-        """Names, units and ranges of channels and sensors; names and sizes of cameras."""
+        """Names, units and ranges of channels and sensors; names, sizes and visibility of cameras."""
         return Schema(
             self.name,
             tuple(actuator.channel for actuator in self.actuators),
             tuple(sensor.spec for sensor in self.sensors),
-            tuple(ViewSpec(name, camera.width, camera.height) for name, camera in self.cameras),
+            tuple(
+                ViewSpec(name, camera.width, camera.height, self.visibility) for name, camera in self.cameras
+            ),
         )
 
     @property
@@ -184,7 +188,7 @@ class System(eqx.Module):
 
     @property
     def tubes(self) -> tuple[TubeSurface, ...]:
-        """The surfaces that a camera sees, in the order in which they are drawn."""
+        """The surfaces that a camera sees, in the order in which they are named."""
         return tuple(surface for surface in self.surfaces if isinstance(surface, TubeSurface))
 
     @property

@@ -14,3 +14,8 @@ def compiled(function: Callable) -> Callable:
         return njit(cache=True, nogil=True)(function)
     except RuntimeError:  # neither the package's folder nor the user's cache folder can be written
         return njit(nogil=True)(function)
+
+
+def inlined(function: Callable) -> Callable:
+    """Compile as a part of the functions that call it, for what is so short that the call itself counts."""
+    return njit(inline="always")(function)

@@ -123,7 +123,7 @@ def _tangle(rng: np.random.Generator, width: int, height: int) -> Picture:
         nodes[0, 1:, ::2] += np.cumsum(0.055 * np.stack([np.cos(heading), np.sin(heading)], axis=-1), axis=0)
         radii = np.linspace(rng.uniform(0.025, 0.08), rng.uniform(0.025, 0.08), 13)[None]
         tubes.append(Tube(nodes, radii, float(rng.uniform(0.2, 0.8))))
-    return render(tubes, camera)[0]
+    return render(tubes, camera, visibility="stacked")[0]
 
 
 def _bare(rng: np.random.Generator, width: int, height: int) -> Picture:

@@ -9,14 +9,14 @@ leaves no seam between segments, and none is darkened twice.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import no_type_check
 
 import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import InputError
-from exosight.system.camera import Camera, project
-from exosight.vision.compiling import compiled
+from exosight.system.camera import Camera, Visibility, project
+from exosight.vision.depth_order import draw_in_depth_order
+from exosight.vision.tube_loops import draw_over
 
 BACKGROUND = 235
 """Gray value of every pixel that no tube covers: light, so that both bodies stand out against it in
@@ -100,15 +100,16 @@ class Light:
 
 
 def render(
-    tubes: Sequence[Tube], camera: Camera, light: Light | None = None
+    tubes: Sequence[Tube], camera: Camera, light: Light | None = None, visibility: Visibility = "depth"
 ) -> UInt8[np.ndarray, "frames height width"]:
-    """Gray pictures of one or more tubes, later tubes drawn over earlier ones.
+    """Gray pictures of one or more tubes.
 
     What lies outside the picture is clipped. Runs on one core and releases Python's lock, so that
     threads may render different frames at once.
 
-    light    by default LAMP and AMBIENT for every frame
-    returns  (frames, height, width)  gray 0…255, BACKGROUND where there is no tube
+    light       by default LAMP and AMBIENT for every frame
+    visibility  which tube is seen where several are, see `exosight.system.camera.Visibility`
+    returns     (frames, height, width)  gray 0…255, BACKGROUND where there is no tube
     Raises InputError without a tube, or if the tubes, or the light, differ in their number of frames.
     """
     counts = [len(tube.centres) for tube in tubes]
@@ -118,8 +119,20 @@ def render(
             f"pass one tube per body for the same frames"
         )
     images = np.full((counts[0], camera.height, camera.width), BACKGROUND, np.uint8)
-    for tube in tubes:
-        draw(images, tube, camera, light)
+    if visibility == "stacked":
+        for tube in tubes:
+            draw(images, tube, camera, light)
+        return images
+    light = _light(light, counts[0])
+    draw_in_depth_order(
+        images,
+        np.concatenate([_pixels(tube, camera) for tube in tubes], axis=1),
+        np.concatenate([tube.radii for tube in tubes], axis=1, dtype=np.float64) / camera.metres_per_pixel,
+        np.cumsum([0, *(tube.centres.shape[1] for tube in tubes)]),
+        np.stack([_shades(tube) for tube in tubes], axis=1),
+        light.lamp,
+        light.ambient,
+    )
     return images
 
 
@@ -130,114 +143,30 @@ def draw(
 
     Raises InputError unless every picture has a pose, a light, and the camera's size.
     """
-    frames = len(images)
-    if light is None:
-        light = Light(np.tile(LAMP, (frames, 1)), np.full(frames, AMBIENT))
-    if not len(tube.centres) == len(light.lamp) == frames or images.shape[1:] != (
-        camera.height,
-        camera.width,
-    ):
+    light = _light(light, len(images))
+    if len(tube.centres) != len(images) or images.shape[1:] != (camera.height, camera.width):
         raise InputError(
-            f"draw: expected a pose and a light for each of {frames} pictures of "
-            f"{camera.width}×{camera.height} pixels, got {len(tube.centres)} poses, {len(light.lamp)} lights "
-            f"and pictures {images.shape[1:]}"
+            f"draw: expected a pose for each of {len(images)} pictures of {camera.width}×{camera.height} "
+            f"pixels, got {len(tube.centres)} poses and pictures {images.shape[1:]}"
         )
-    pixels = project(camera, tube.centres.astype(np.float64))
     radii = tube.radii.astype(np.float64) / camera.metres_per_pixel
-    shade = np.broadcast_to(np.asarray(tube.shade, np.float64), (frames,))
-    _draw(images, pixels, radii, shade, light.lamp, light.ambient)
+    draw_over(images, _pixels(tube, camera)[..., :2], radii, _shades(tube), light.lamp, light.ambient)
 
 
-@compiled
-@no_type_check
-def _draw(images, pixels, radii, shade, lamp, ambient):
-    """Draw one tube on every frame, in place."""
-    frames, height, width = images.shape
-    # Of the sphere nearest to each pixel: distance to its edge (negative inside), and its segment.
-    distance = np.empty((height, width))
-    segment = np.empty((height, width))
-    lines = np.empty((radii.shape[1] - 1, 8))
-    for frame in range(frames):
-        c, r = pixels[frame], radii[frame]
-        right, up, towards = lamp[frame]
-        bright, dim = 255.0 * shade[frame], ambient[frame]
-        top, bottom, left, end = _box(c, r, height, width)
-        distance[top:bottom, left:end] = 1.0
-        for k in range(len(lines)):
-            _line(lines[k], c[k : k + 2], r[k : k + 2])
-            _segment(distance, segment, k, lines[k], c[k : k + 2], r[k : k + 2])
-        for i in range(top, bottom):
-            for j in range(left, end):
-                if distance[i, j] >= 0.5:
-                    continue
-                x0, y0, r0, ex, ey, taper, lean, length = lines[int(segment[i, j])]
-                beside, below, radius = _sphere(j + 0.5 - x0, i + 0.5 - y0, r0, ex, ey, taper, lean, length)
-                # A tube thinner than a pixel covers no more than its own width of it.
-                cover = min(0.5 - distance[i, j], 2.0 * radius, 1.0)
-                away = distance[i, j] + radius
-                out = np.sqrt(max(radius**2 - away**2, 0.0))
-                lit = (towards * out - up * below + right * beside) / max(away, radius)
-                light = dim + (1.0 - dim) * max(lit, 0.0)
-                under = float(images[frame, i, j])
-                images[frame, i, j] = int(under + cover * (bright * light - under) + 0.5)
+def _light(light: Light | None, frames: int) -> Light:
+    """The light of every frame; InputError for one of another number of frames."""
+    if light is None:
+        return Light(np.tile(LAMP, (frames, 1)), np.full(frames, AMBIENT))
+    if len(light.lamp) != frames:
+        raise InputError(f"light: expected one for each of {frames} pictures, got {len(light.lamp)}")
+    return light
 
 
-@compiled
-@no_type_check
-def _box(c, r, height, width):
-    """Rows top…bottom and columns left…right that discs c, r can touch, empty if outside the picture."""
-    top = left = np.inf
-    bottom = right = -np.inf
-    for k in range(len(r)):
-        left, right = min(left, c[k, 0] - r[k]), max(right, c[k, 0] + r[k])
-        top, bottom = min(top, c[k, 1] - r[k]), max(bottom, c[k, 1] + r[k])
-    # One pixel more, as coverage reaches half a pixel beyond the edge. Clamped before it becomes an integer.
-    top, bottom = min(max(top - 1.0, 0.0), height), min(max(bottom + 1.0, 0.0), height)
-    left, right = min(max(left - 1.0, 0.0), width), min(max(right + 1.0, 0.0), width)
-    return int(top), int(bottom), int(left), int(right)
+def _pixels(tube: Tube, camera: Camera) -> Float[np.ndarray, "frames nodes 3"]:
+    """Column, row and depth of its nodes [pixels]."""
+    centres = tube.centres.astype(np.float64)
+    return np.concatenate([project(camera, centres), centres[..., 1:2] / camera.metres_per_pixel], axis=-1)
 
 
-@compiled
-@no_type_check
-def _line(line, c, r):
-    """What `_sphere` needs of a segment: start and its radius, direction, taper, lean and length."""
-    length = np.hypot(c[1, 0] - c[0, 0], c[1, 1] - c[0, 1])
-    start = 0
-    if abs(r[1] - r[0]) < (1.0 - 1e-9) * length:
-        ex, ey = (c[1, 0] - c[0, 0]) / length, (c[1, 1] - c[0, 1]) / length
-        taper = (r[1] - r[0]) / length
-        lean = taper / np.sqrt(1.0 - taper * taper)
-    else:  # one end lies within the other, and hides it
-        ex = ey = taper = lean = length = 0.0
-        start = 0 if r[0] > r[1] else 1
-    line[:] = c[start, 0], c[start, 1], r[start], ex, ey, taper, lean, length
-
-
-@compiled
-@no_type_check
-def _sphere(x, y, r0, ex, ey, taper, lean, length):
-    """Of all spheres of a segment the one nearest to a pixel: from its centre to the pixel, and its radius.
-
-    The pixel lies x, y from the start, whose radius is r0; the axis runs along ex, ey. The sphere's
-    centre lies u along the axis: the foot of the line from the pixel that is normal to the common tangent,
-    clamped to the segment.
-    """
-    u = min(max(x * ex + y * ey + lean * abs(y * ex - x * ey), 0.0), length)
-    return x - u * ex, y - u * ey, r0 + taper * u
-
-
-@compiled
-@no_type_check
-def _segment(distance, segment, number, line, c, r):
-    """Take over the pixels that are nearer to this segment than to those before it."""
-    height, width = distance.shape
-    top, bottom, left, right = _box(c, r, height, width)
-    x0, y0, r0, ex, ey, taper, lean, length = line
-    for i in range(top, bottom):
-        near, owner = distance[i, left:right], segment[i, left:right]
-        for j in range(right - left):
-            x, y, radius = _sphere(left + j + 0.5 - x0, i + 0.5 - y0, r0, ex, ey, taper, lean, length)
-            d = np.sqrt(x * x + y * y) - radius
-            take = d < near[j]
-            near[j] = d if take else near[j]
-            owner[j] = number if take else owner[j]
+def _shades(tube: Tube) -> Float[np.ndarray, " frames"]:
+    return np.broadcast_to(np.asarray(tube.shade, np.float64), len(tube.centres))

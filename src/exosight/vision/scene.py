@@ -1,4 +1,4 @@
-"""What a camera looks at: the tubes of a system, in the order in which it names them."""
+"""What a camera sees of a system."""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,7 +18,7 @@ Axes = Mapping[str, Float[AnyArray, "frames nodes 3"]]
 def tubes(
     system: System, axes: Axes, shades: Sequence[float | Float[np.ndarray, " frames"]] | None = None
 ) -> tuple[Tube, ...]:
-    """The tubes of a system, to pass to `exosight.vision.render`; later ones are drawn over earlier ones.
+    """The tubes of a system, to pass to `exosight.vision.render`.
 
     system   one for all frames, or stacked: one a frame
     shades   gray of each tube, one for all frames or one a frame; by default the system's own
@@ -44,12 +44,11 @@ def picture(
     lighting  shades and light of each frame; by default the nominal ones
     returns   (frames, height, width)  gray 0…255
     """
-    if lighting is None:
-        return render(tubes(system, axes), system.camera)
-    return render(tubes(system, axes, list(lighting.shades.T)), system.camera, lighting.light)
+    shades, light = (None, None) if lighting is None else (list(lighting.shades.T), lighting.light)
+    return render(tubes(system, axes, shades), system.camera, light, system.visibility)
 
 
 def cover(system: System, axes: Axes) -> UInt8[np.ndarray, "frames height width"]:
     """How much of each pixel the tubes cover, 0…255, as `exosight.vision.augment` takes it."""
-    black = render(tubes(system, axes, [0.0] * len(system.tubes)), system.camera)
+    black = render(tubes(system, axes, [0.0] * len(system.tubes)), system.camera, None, system.visibility)
     return np.rint((1 - np.arange(BACKGROUND + 1) / BACKGROUND) * 255).astype(np.uint8)[black]
