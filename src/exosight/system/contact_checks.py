@@ -55,7 +55,7 @@ def check_contacts(terms: Mapping[str, ContactTerm], tree: Tree) -> None:
         if not 0 < stiffness <= largest:
             most = f" and at most {largest:.3g}, {STIFFEST:g} times that of the rod"
             raise InputError(
-                f"{place}: expected a stiffness above 0{most if largest < np.inf else ''}, got {stiffness:g}; "
+                f"{place}: expected a stiffness above 0{most * bool(largest < np.inf)}, got {stiffness:g}; "
                 "forces do not change any more long before, but the solver needs more and more steps"
             )
         gap, radius = _gaps(term, _balls(term.first, tree, pose), tree, pose)
