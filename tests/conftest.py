@@ -50,7 +50,10 @@ install_import_hook("exosight", "beartype.beartype")
 # Tracing makes so many objects that collecting garbage as often as usual takes 7 % of the time.
 gc.set_threshold(50_000, 20, 50)
 
-LONGEST = "test_docs.py", "app/test_study.py", "test_examples.py", "dataset/test_simulation.py"
+LONGEST = (
+    *("test_docs.py", "app/test_study.py", "test_examples.py", "dataset/test_simulation.py"),
+    *("exosuit/test_index.py", "control/test_any_system.py", "mechanics/test_neighbours.py"),
+)
 """Files that take longest, for few tests: begun last, one would keep a process when all else is done."""
 
 LARGE = 2.5e9
