@@ -46,7 +46,13 @@ class Spheres(eqx.Module):
 
     def index(self, tree: Tree) -> tuple[int, ...]:
         """Each sphere's index among all frames of the tree; InputError if a body has no such frame."""
-        return tuple(tree.frame(body, frame) for body, frame in self.frames)
+        own = {body: tree.frame_slice(body) for body in {name for name, _ in self.frames}}
+        counts = {body: frames.stop - frames.start for body, frames in own.items()}
+        # `tree.frame` takes 50 µs, and is right for the others too.
+        return tuple(
+            own[body].start + frame if 0 <= frame < counts[body] else tree.frame(body, frame)
+            for body, frame in self.frames
+        )
 
 
 class SphereContact(Term):

@@ -1,5 +1,6 @@
 """What the parts of a contact must be before it can be solved: sizes, stiffness, and apart at rest."""
 
+from collections.abc import Mapping
 from itertools import accumulate
 from typing import NamedTuple
 
@@ -29,6 +30,9 @@ SAMPLES = 33
 """Spheres that stand for a solid."""
 
 
+ContactTerm = SphereContact | SolidContact | TubeContact | RigidContact
+
+
 class Balls(NamedTuple):
     """Spheres of a surface at rest: centres (balls, 3) and radii (balls,) [m]."""
 
@@ -36,33 +40,32 @@ class Balls(NamedTuple):
     radius: Float[np.ndarray, " balls"]
 
 
-def check_contact(
-    place: str, term: SphereContact | SolidContact | TubeContact | RigidContact, tree: Tree
-) -> None:
-    """InputError, beginning with a place, for a contact that cannot be solved or whose surfaces overlap."""
-    if not all(known(leaf) for leaf in jax.tree.leaves((term, tree))):
+def check_contacts(terms: Mapping[str, ContactTerm], tree: Tree) -> None:
+    """InputError, beginning with its place, for a contact that cannot be solved or whose surfaces overlap.
+
+    terms   by their places
+    """
+    if not terms or not all(known(leaf) for leaf in jax.tree.leaves((terms, tree))):
         return
-    term, tree = jax.tree.map(np.asarray, (term, tree))
-    for side in (term.first, term.second):
-        _check_sizes(place, side)
-    stiffness, largest = float(term.stiffness), _stiffest(term, tree)
-    if not 0 < stiffness <= largest:
-        at_most = (
-            f" and at most {largest:.3g}, {STIFFEST:g} times that of the rod," if largest < np.inf else ""
-        )
-        raise InputError(
-            f"{place}: expected a stiffness above 0{at_most} got {stiffness:g}; choose one in between"
-        )
     pose = rest_poses(tree)
-    first = _balls(term.first, tree, pose)
-    gap, radius = _gaps(term, first, tree, pose)
-    worst = np.argmin(gap + OVERLAP * radius)
-    overlap, most = -1e3 * gap.flat[worst], 1e3 * OVERLAP * radius.flat[worst]
-    if overlap > most:
-        raise InputError(
-            f"{place}: expected surfaces that overlap at rest by at most half their radius, "
-            f"here {most:.3g} mm, got {overlap:.3g} mm; move them apart"
-        )
+    for place, term in terms.items():
+        for side in (term.first, term.second):
+            _check_sizes(place, side)
+        stiffness, largest = float(term.stiffness), _stiffest(term, tree)
+        if not 0 < stiffness <= largest:
+            most = f" and at most {largest:.3g}, {STIFFEST:g} times that of the rod"
+            raise InputError(
+                f"{place}: expected a stiffness above 0{most * bool(largest < np.inf)}, got {stiffness:g}; "
+                "forces do not change any more long before, but the solver needs more and more steps"
+            )
+        gap, radius = _gaps(term, _balls(term.first, tree, pose), tree, pose)
+        worst = np.argmin(gap + OVERLAP * radius)
+        overlap, allowed = -1e3 * gap.flat[worst], 1e3 * OVERLAP * radius.flat[worst]
+        if overlap > allowed:
+            raise InputError(
+                f"{place}: expected surfaces that overlap at rest by at most half their radius, "
+                f"here {allowed:.3g} mm, got {overlap:.3g} mm; move them apart"
+            )
 
 
 def rest_poses(tree: Tree) -> Float[np.ndarray, "frames 4 4"]:
@@ -112,7 +115,7 @@ def _check_sizes(place: str, side: Tube | Solids | Plane | Spheres) -> None:
             )
 
 
-def _stiffest(term: SphereContact | SolidContact | TubeContact | RigidContact, tree: Tree) -> float:
+def _stiffest(term: ContactTerm, tree: Tree) -> float:
     """Largest stiffness of a contact: of rods that of the line, of spheres on rods that of a radius of it."""
     if isinstance(term, SphereContact):
         names = {body for side in (term.first, term.second) for body, _ in side.frames}
@@ -141,7 +144,7 @@ def _balls(side: Tube | Solids | Spheres, tree: Tree, pose: np.ndarray) -> Balls
 
 
 def _gaps(
-    term: SphereContact | SolidContact | TubeContact | RigidContact,
+    term: ContactTerm,
     first: Balls,
     tree: Tree,
     pose: np.ndarray,
@@ -150,14 +153,14 @@ def _gaps(
     second = term.second
     if isinstance(second, Plane):
         frame = np.eye(4) if second.body is None else pose[second.index(tree)][0]
-        normal = frame[:3, :3] @ (second.normal / np.linalg.norm(second.normal))
+        normal = frame[:3, :3] @ (np.asarray(second.normal) / np.linalg.norm(second.normal))
         height = (first.centre - frame[:3, 3] - frame[:3, :3] @ np.asarray(second.point)) @ normal
         return (height - first.radius)[:, None], first.radius[:, None]
     if isinstance(second, Solids):
-        frame, radius = pose[second.index(tree)], np.asarray(second.radius)
+        frame, radius, length = pose[second.index(tree)], np.asarray(second.radius), np.asarray(second.length)
         local = np.einsum("sji,psj->psi", frame[:, :3, :3], first.centre[:, None] - frame[:, :3, 3])
-        away, slope = np.hypot(local[..., 1], local[..., 2]), (radius[:, 0] - radius[:, 1]) / second.length
-        place = np.clip(local[..., 0] - slope / np.sqrt(1 - slope**2) * away, 0, second.length)
+        away, slope = np.hypot(local[..., 1], local[..., 2]), (radius[:, 0] - radius[:, 1]) / length
+        place = np.clip(local[..., 0] - slope / np.sqrt(1 - slope**2) * away, 0, length)
         thick = radius[:, 0] - slope * place
         gap = np.hypot(local[..., 0] - place, away) - thick - first.radius[:, None]
         return gap, np.minimum(thick, first.radius[:, None])

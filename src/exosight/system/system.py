@@ -19,7 +19,7 @@ from exosight.mechanics.term import Term
 from exosight.mechanics.tree import Body, Tree
 from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.camera import Camera, Visibility
-from exosight.system.contact_checks import check_contact
+from exosight.system.contact_checks import ContactTerm, check_contacts
 from exosight.system.schema import Channel, Schema, ViewSpec
 from exosight.system.sensors import (
     CentreOfPressure,
@@ -34,7 +34,6 @@ from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface, TubeS
 from exosight.validation import check_name, check_unique
 
 Part = TypeVar("Part", bound=eqx.Module)
-ContactTerm = SphereContact | SolidContact | TubeContact | RigidContact
 
 
 class Contact(eqx.Module):
@@ -143,11 +142,12 @@ class System(eqx.Module):
         surfaces = {surface.name: surface for surface in self.surfaces}
         check_unique("surfaces", (surface.name for surface in self.surfaces))
         check_unique("contacts", (contact.name for contact in self.contacts))
-        tree = Tree(self.bodies)
+        terms, tree = {}, Tree(self.bodies)
         for contact in self.contacts:
             for side in (contact.first, contact.second):
                 check_name(f"surface of contact {contact.name}", side, surfaces)
-            check_contact(f"contacts.{contact.name}", _contact_term(contact, surfaces, tree), tree)
+            terms[f"contacts.{contact.name}"] = _contact_term(contact, surfaces, tree)
+        check_contacts(terms, tree)
         for sensor in self.sensors:
             if isinstance(sensor, ContactForce | ForcePerLength | CentreOfPressure):
                 check_name(f"surface of sensor {sensor.spec.name}", sensor.surface, surfaces)
