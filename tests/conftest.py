@@ -32,14 +32,13 @@ hypothesis.settings.load_profile("exosight")
 
 # The hook names compiled files of all that is imported meanwhile as its own: every process compiled 2000
 # modules of other packages anew; and those that tests start, the package, where Python was to write nothing.
-SOURCE = str(Path(__file__).parents[1] / "src")
 _of_checked = _import_hook._optimized_cache_from_source
 
 
 def _compiled_file(typechecker: str, path: str, *rest: object) -> str:
-    return (
-        _of_checked(typechecker, path, *rest) if path.startswith(SOURCE) else cache_from_source(path, *rest)
-    )
+    # Checked code must never be found by a process without the hook, wherever the package lies.
+    of_package = "exosight" in Path(path.rpartition("site-packages")[2]).parts
+    return _of_checked(typechecker, path, *rest) if of_package else cache_from_source(path, *rest)
 
 
 _import_hook._optimized_cache_from_source = _compiled_file

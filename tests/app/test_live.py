@@ -279,7 +279,7 @@ def test_a_stop_lets_go_first(
         (["--r0", "0.02"], "r0"),
         (["--system", str(THUMB), "--r0", "0.01"], "--r0: of the published system alone"),
         (["--system", str(THUMB)], "expected the sensors"),
-        (["--system", "no_such_system"], "expected published, index or a file"),
+        (["--system", "no_such_system"], "expected published, index, index-friction or a file"),
         (["--sensor", "C0"], "not estimated from images"),
         (["--channel", "v"], "got 'v'"),
         (["--source", ".", "--send", "-", "--json", "-"], "stdout"),

@@ -68,7 +68,7 @@ def test_wrong_use_is_refused_in_a_sentence(tmp_path: Path, refused: Refused) ->
     bad.write_text((EXAMPLES / "thumb.toml").read_text().replace('"300 kPa"', '"300"'))
     for words, sentence in (
         (("check", bad), "rods.sleeve.young: expected a number and its unit, like '300 kPa', got '300'"),
-        (("show", "nobody"), "expected published, index or a file *.toml, got 'nobody'"),
+        (("show", "nobody"), "expected published, index, index-friction or a file *.toml, got 'nobody'"),
         (("check",), "expected a preset or a file after it"),
         (("list", "published"), "expected no name"),
         (("check", "published", "--plot", tmp_path / "a.png"), "--plot: it has no effect with check"),

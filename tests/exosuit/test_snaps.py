@@ -71,7 +71,7 @@ def test_a_robot_without_loads_left_reports_no_snaps() -> None:
     stop them for ever."""
     robot = assemble(Exosuit(sample_shapes(1, seed=0)[8].shape))
     step = stepper(robot, by_xla(robot), jnp.array([[4.0]]), jnp.array(1), jnp.array(1e-10), jnp.array(5000))
-    idle = begin(np.zeros(robot.dofs), np.zeros(1), 1)._replace(load=np.array(1))
+    idle = begin(np.zeros(robot.dofs), np.zeros(1), (), 1)._replace(load=np.array(1))
     after = jax.jit(lambda state: jax.lax.fori_loop(0, 600, lambda _, at: step(at), state))(idle)
     assert float(after.t) > 0.2  # it moves, and snaps on the way: seven times without the rule
     assert int(after.snaps) == 0

@@ -23,6 +23,7 @@ EVERYTHING = PlantVariation(
     gap=(0.0, 0.003),
     mount_angle=(-0.1, 0.1),
     mount_offset=(-0.005, 0.005),
+    friction=(-0.2, 0.3),
 )
 SWITCHES = [field.name for field in dataclasses.fields(PlantVariation)]
 ROUND_OFF = 1e-12  # a few operations on numbers of order one

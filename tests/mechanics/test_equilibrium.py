@@ -7,6 +7,7 @@ load, in units of EI/L². Points at the element ends keep the kinks of the nodal
 from collections.abc import Callable
 from itertools import pairwise
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -55,7 +56,7 @@ def cantilever(elements: int, direction: tuple[float, float, float] = ACROSS) ->
 def solve(robot: Robot, loads: list[float] | np.ndarray, **given: object) -> Equilibria:
     """The path of one robot, without the leading axis of one."""
     found = drive([robot], np.asarray(loads, dtype=float)[:, None], **given)
-    return Equilibria(*(getattr(found, name)[0] for name in found.__dataclass_fields__))
+    return jax.tree.map(lambda leaf: leaf[0], found)
 
 
 def elastica(alpha: float) -> np.ndarray:

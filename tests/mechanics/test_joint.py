@@ -5,6 +5,7 @@ One arm has a link on each kind of joint, one behind the other, so that it is co
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -166,7 +167,7 @@ def test_a_full_turn_of_a_ball_joint_is_singular_but_finite(arm: Robot, evaluate
     ball = arm.dof_slice("spherical")
     q[ball] = [0.0, 0.0, 2 * np.pi]
     here, motion = evaluate(arm, q, np.zeros(0))
-    assert all(np.all(np.isfinite(part)) for part in here)
+    assert all(np.all(np.isfinite(part)) for part in jax.tree.leaves(here))
     columns = np.asarray(motion["spherical"].jacobian[0][:3])[:, -3:]
     np.testing.assert_allclose(np.linalg.svd(columns)[1], [1, 0, 0], atol=1e-12)
 
