@@ -59,7 +59,7 @@ def plot_path(
             curve = Curve(sensor.name, x[order], y[order, column])
             found.setdefault(f"{sensor.quantity} [{sensor.unit}]", []).append(curve)
     panels = [_panel(name, lines) for name, lines in found.items()]
-    kept = [int(i) for i in order if not lost[i]]
+    kept = list({names[i]: int(i) for i in order if not lost[i]}.values())  # equal loads end in one state
     picked = np.linspace(0, len(kept) - 1, min(len(kept), MOST_PROFILES)).astype(int)
     drawn = {kept[i]: names[kept[i]] for i in picked}
     return curves(label, [*panels, *_profile_panels(system, profiles, drawn)])

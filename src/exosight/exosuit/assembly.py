@@ -61,7 +61,8 @@ class Exosuit:
         ):
             value = getattr(self, name)
             if not low <= value <= high:
-                raise InputError(f"{name}: expected {low:g}…{high:g} {unit}, got {value}".replace(" ,", ","))
+                limits = f"{low:g}…{high:g} {unit}".rstrip()
+                raise InputError(f"{name}: expected {limits}, got {value}")
 
 
 def varied(exosuit: Exosuit, variant: Variant) -> Exosuit:

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.mechanics import SolverOptions, State, drive
-from exosight.system.observation import History
+from exosight.mechanics.term import Memories
 from exosight.system.schema import Channel
 from exosight.system.system import System, stack_systems
 
@@ -89,7 +89,7 @@ class Rest:
     drive: Drive
     q: Float[np.ndarray, " dofs"]
     converged: bool
-    history: History = ()
+    history: Memories = ()
 
 
 class Point(NamedTuple):
@@ -97,7 +97,7 @@ class Point(NamedTuple):
 
     q: Float[np.ndarray, " dofs"]
     converged: bool
-    history: History
+    history: Memories
 
     def same(self, other: "Point") -> bool:
         """Whether both go on alike."""

@@ -16,8 +16,9 @@ from exosight.lab.pictures import camera_image, png_text, tubes_outside
 from exosight.lab.pose_cache import STRIDE, CachedSystem, Move, Rest, round125
 from exosight.lab.settings import PathSettings, View
 from exosight.lab.system import LabSystem
+from exosight.mechanics.term import Memories
 from exosight.mechanics.tree import Tree
-from exosight.system.observation import History, Observation, observe
+from exosight.system.observation import Observation, observe
 from exosight.system.surfaces import zone_radius
 from exosight.system.system import System
 from exosight.vision.scene import picture
@@ -57,7 +58,7 @@ def compute_view(view: View, lab: LabSystem) -> ViewResult:
     return ViewResult(cached.system, rest, observation, image[0], reading, notes)
 
 
-def observe_one(stacked: System, q: Float[np.ndarray, " dofs"], history: History = ()) -> Observation:
+def observe_one(stacked: System, q: Float[np.ndarray, " dofs"], history: Memories = ()) -> Observation:
     """One stacked system at one state, without batch dimensions."""
     batched = tuple(memory[None, None] for memory in history)
     observation = observe(stacked, jnp.asarray(q)[None, None], batched)

@@ -7,6 +7,7 @@ energy                       the potential: elasticity, joint limits, sum of the
 contact, actuation           contact of spheres; pressure and cables along a line
 surface_contact              contact of rods' tubes with links and planes; tube_contact with each other
 rigid_contact, cones         contact of links with links and planes, by their closest spheres
+friction                     Coulomb friction of any of these, with a memory of where points stuck
 loads, bushing               weight, wrenches, distributed forces, torques; springs that close loops
 equilibrium                  stable minima of the energy: options and results
 quasistatic                  the driver: states under slowly changing loads, many robots at a time

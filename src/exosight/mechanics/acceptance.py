@@ -84,15 +84,17 @@ def linearise(
     metric, tolerance = problem.metric, problem.tolerance
     right = jnp.concatenate([here.gradient[:, None], here.load_gradient.T], axis=1)
     if problem.conservative:
-        factor = jnp.linalg.cholesky(here.hessian)
-        stable = jnp.all(jnp.isfinite(factor))
-        solved = -cho_solve((jnp.where(stable, factor, metric.factor), True), right)
-        if here.coupling is not None:  # the flow turns away where a real eigenvalue becomes negative
+        if here.coupling is None:
+            factor = jnp.linalg.cholesky(here.hessian)
+            stable = jnp.all(jnp.isfinite(factor))
+            solved = -cho_solve((jnp.where(stable, factor, metric.factor), True), right)
+        else:  # the flow turns away where a real eigenvalue becomes negative
             lu, pivots = lu_factor(here.jacobian)
             swaps = jnp.sum(pivots != jnp.arange(len(q)))
             negative = jnp.sum(jnp.diag(lu) < 0)
             stable = ((swaps + negative) % 2 == 0) & jnp.all(jnp.isfinite(lu))
-            solved = jnp.where(stable, -lu_solve((lu, pivots), right), solved)
+            by_metric = cho_solve((metric.factor, True), right)
+            solved = -jnp.where(stable, lu_solve((lu, pivots), right), by_metric)
     else:  # no energy whose minimum it could be: any solution of the equations will do
         stable = jnp.array(True)
         solved = -jnp.linalg.solve(here.hessian, right)

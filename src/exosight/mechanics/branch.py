@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation
 from exosight.mechanics.metric import Metric
+from exosight.mechanics.term import Memories
 
 UNLIKE = 0.05, 5e-5
 """How far a smooth change may lie from what the tangents at both ends lead to: relative to the larger of
@@ -37,7 +38,7 @@ class Anchor(NamedTuple):
     t: Float[AnyArray, ""]
     tangent: Float[AnyArray, " dofs"]
     reach: Float[AnyArray, ""]
-    memories: tuple[Float[AnyArray, "..."], ...]
+    memories: Memories
 
 
 class Beyond(NamedTuple):

@@ -9,6 +9,7 @@ from exosight.arrays import AnyArray
 from exosight.mechanics.branch import Anchor, Beyond
 from exosight.mechanics.descent import Descent
 from exosight.mechanics.energy import Evaluation
+from exosight.mechanics.term import Memories
 
 TO_LOAD, ALONG, DESCEND = 0, 1, 2
 """Phases: Newton's method at a given load, at a given length along the branch, and descent."""
@@ -72,7 +73,7 @@ class ContinuationState(NamedTuple):
     s: Float[AnyArray, ""]
     growth: Float[AnyArray, ""]
     previous: tuple[Float[AnyArray, " dofs"], Float[AnyArray, ""]]
-    memories: tuple[Float[AnyArray, "..."], ...]
+    memories: Memories
     snap: Bool[AnyArray, ""]
     start: Float[AnyArray, ""]
     nudge: Float[AnyArray, ""]
@@ -84,7 +85,7 @@ class ContinuationState(NamedTuple):
 def begin(
     q: Float[AnyArray, " dofs"],
     origin: Float[AnyArray, " channels"],
-    memories: tuple[Float[np.ndarray, "..."], ...],
+    memories: Memories,
     room: int,
 ) -> ContinuationState:
     """A robot at pose q and loads `origin` with room for so many loads; in NumPy, filled in from Python."""

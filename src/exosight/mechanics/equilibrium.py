@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.robot import Robot
+from exosight.mechanics.term import Memories
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class Equilibria(eqx.Module):
     tied: Bool[AnyArray, "*batch loads"]
     energy: Float[AnyArray, "*batch loads"]
     iterations: Int[AnyArray, "*batch loads"]
-    history: tuple[Float[AnyArray, "..."], ...] = ()
+    history: Memories = ()
 
 
 def stack(robots: Sequence[Robot]) -> Robot:

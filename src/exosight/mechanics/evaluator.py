@@ -12,14 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation, potential
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
+from exosight.mechanics.term import Memories
 from exosight.scalar_program import Unrolled, Unsupported, unroll
-
-Memories = tuple[Float[AnyArray, "..."], ...]
-"""What the terms of a robot remember, see `Robot.memories`."""
 
 
 class Evaluator(NamedTuple):

@@ -36,6 +36,7 @@ from exosight.mechanics.term import (
     on_frames,
     point_stiffness,
     point_wrench,
+    square,
     zero,
 )
 from exosight.mechanics.tree import Tree
@@ -173,7 +174,7 @@ class Friction(TermWithMemory):
             direction = slip.stretch / slip.length[:, None]
             # Stuck, the spring's; slipping, a force of given size only turns.
             slips = jnp.where(slip.held < 1, 1.0, 0.0)
-            bend = jnp.eye(3) - _square(normal) - slips[:, None, None] * _square(direction)
+            bend = jnp.eye(3) - square(normal) - slips[:, None, None] * square(direction)
             own = point_stiffness(slip.place, force, pull[:, None, None] * bend)
             wrench = point_wrench(slip.place, force)
             chosen = jnp.where(held.partner[:, None] == np.arange(len(b)), 1.0, 0.0)
@@ -231,10 +232,6 @@ def _turned_back(
     pose: Float[Array, "points 4 4"], vector: Float[AnyArray, "points 3"]
 ) -> Float[Array, "points 3"]:
     return jnp.einsum("pji,pj->pi", pose[:, :3, :3], vector)
-
-
-def _square(x: Float[Array, "points n"]) -> Float[Array, "points n n"]:
-    return x[:, :, None] * x[:, None, :]
 
 
 def _summed(values: Float[Array, "some ..."], frames: np.ndarray, count: int) -> Float[Array, "count ..."]:

@@ -74,9 +74,7 @@ def next_trial(
     anchor = state.anchor._replace(reach=reach)
     state = state._replace(anchor=anchor)
     scale = metric.size(anchor.q) + metric.unit
-    # Where friction is integrated to first order only, ends of branches need not be known better.
-    negligible = ROUGHLY if state.memories else NEGLIGIBLE
-    narrow = negligible * scale / jnp.maximum(metric.force(ways.by_t), 1e-300)
+    narrow = _negligible(state) * scale / jnp.maximum(metric.force(ways.by_t), 1e-300)
     beyond = _beyond(state, point, verdict)
     look = branch.bracket(metric, anchor, beyond, narrow)
     plan = _plan(state, problem, verdict, beyond.known, look, narrow)
@@ -135,6 +133,11 @@ def next_trial(
     )
 
 
+def _negligible(state: ContinuationState) -> float:
+    """Friction is integrated to first order, so ends of branches need not be known better."""
+    return ROUGHLY if state.memories else NEGLIGIBLE
+
+
 def _beyond(state: ContinuationState, point: Point, verdict: Verdict) -> Beyond:
     """An unstable point stays the far end of the bracket while its near end moves up."""
     along, unstable, end = state.phase == ALONG, verdict.unstable, state.beyond
@@ -176,9 +179,7 @@ def _plan(
     s = jnp.minimum(s, longest)
 
     cornered = at_corner & (corner <= narrow * speed)
-    nothing_near = failed & (
-        s < (ROUGHLY if state.memories else NEGLIGIBLE) * (metric.size(anchor.q) + metric.unit)
-    )
+    nothing_near = failed & (s < _negligible(state) * (metric.size(anchor.q) + metric.unit))
     ended = (narrowed & look.found) | nothing_near | cornered | lost
     easy = arrived & along & ~known & (speed * (1 - anchor.t) < 2 * state.s)
     to_go = verdict.passed | (arrived & ~along) | easy | (narrowed & (look.t >= 1))

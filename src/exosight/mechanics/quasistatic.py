@@ -17,6 +17,7 @@ from exosight.errors import InputError
 from exosight.mechanics.batched_continuation import Kept, Problems, Snap, Solutions, solve
 from exosight.mechanics.equilibrium import Equilibria, SolverOptions, stack
 from exosight.mechanics.robot import Robot
+from exosight.mechanics.term import Memories
 
 _DEFAULT = SolverOptions()
 
@@ -31,7 +32,7 @@ class State(eqx.Module):
 
     q: Float[AnyArray, "robots dofs"]
     loads: Float[AnyArray, "robots channels"]
-    history: tuple[Float[AnyArray, "robots ..."], ...] = ()
+    history: Memories = ()
 
 
 Robots = Robot | Sequence[Robot]
@@ -154,12 +155,12 @@ def _solve(
     for name, value, shape in (("q", q, (count, robots.dofs)), ("loads", origin, (count, channels))):
         if value.shape != shape or not np.all(np.isfinite(value)):
             raise InputError(f"state.{name}: expected finite numbers of shape {shape}, got {value.shape}")
-    expected = tuple(np.asarray(memory) for memory in robots.memories)
+    expected = [np.shape(memory) for memory in robots.memories]
     history = tuple(np.asarray(memory, dtype=float) for memory in state.history)
-    if [memory.shape for memory in history] != [memory.shape for memory in expected]:
+    if [memory.shape for memory in history] != expected:
         raise InputError(
             f"state.history: expected one array for each term with a memory, of shapes "
-            f"{[memory.shape for memory in expected]}, got {[memory.shape for memory in history]}; "
+            f"{expected}, got {[memory.shape for memory in history]}; "
             "give the history of the `State` or `Equilibria` that q comes from"
         )
     problems = Problems(structure, leaves, q, origin, loads, history)

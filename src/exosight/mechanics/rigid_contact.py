@@ -25,6 +25,7 @@ from exosight.mechanics.term import (
     on_frames,
     point_stiffness,
     point_wrench,
+    square,
     zero,
 )
 from exosight.mechanics.tree import Tree
@@ -134,7 +135,7 @@ class RigidContact(Term):
             at = self.pairs(tree, motion.pose)
             on_first, on_second = self._sides(tree, at)
             push = self.stiffness * jnp.maximum(at.overlap, 0.0)
-            along = at.normal[:, :, None] * at.normal[:, None, :]
+            along = square(at.normal)
             bend = jnp.where(at.overlap > 0, self.stiffness, 0.0)[:, None, None] * along
             bend -= (push * at.bent)[:, None, None] * (jnp.eye(3) - along)
             force = -push[:, None] * at.normal

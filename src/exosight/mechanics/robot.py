@@ -2,12 +2,9 @@
 
 from dataclasses import replace
 
-from jaxtyping import Array, Float
-
-from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.kinematics import Motion
-from exosight.mechanics.term import Term, TermWithMemory
+from exosight.mechanics.term import Memories, Term, TermWithMemory
 from exosight.mechanics.tree import Body, Tree
 
 
@@ -38,11 +35,11 @@ class Robot(Tree):
         return max((term.loads for term in self.terms), default=0)
 
     @property
-    def memories(self) -> tuple[Float[AnyArray, "..."], ...]:
+    def memories(self) -> Memories:
         """What its terms remember, one array for each that does."""
         return tuple(term.memory for term in self.terms if isinstance(term, TermWithMemory))
 
-    def with_memories(self, memories: tuple[Float[AnyArray, "..."], ...]) -> "Robot":
+    def with_memories(self, memories: Memories) -> "Robot":
         """The same robot with other memories; InputError unless there is one for each term that remembers."""
         if len(memories) != len(self.memories):
             raise InputError(
@@ -56,6 +53,6 @@ class Robot(Tree):
         )
         return Robot(self.bodies, terms)
 
-    def remember(self, motion: Motion) -> tuple[Float[Array, "..."], ...]:
+    def remember(self, motion: Motion) -> Memories:
         """What its terms know from now on, when a step has ended at this pose."""
         return tuple(term.remember(self, motion) for term in self.terms if isinstance(term, TermWithMemory))

@@ -34,6 +34,7 @@ from exosight.mechanics.term import (
     on_frames,
     point_stiffness,
     point_wrench,
+    square,
     zero,
 )
 from exosight.mechanics.tree import Tree
@@ -251,7 +252,7 @@ class SolidContact(Term):
 
     def pressure(self, tree: Tree, at: Contacts) -> Float[AnyArray, " points"]:
         """The force on each point, all solids together [N]."""
-        return self.stiffness * self.first.lengths(tree) * jnp.maximum(at.overlap, 0.0)
+        return self.point_stiffness(tree) * jnp.maximum(at.overlap, 0.0)
 
     def point_frames(self, tree: Tree) -> np.ndarray:
         """The frames of the tube's points."""
@@ -313,7 +314,7 @@ class SolidContact(Term):
         """
         a, b = self.first.frames(tree), self.second.index(tree)
         move_a, move_b = tree.moving(a), tree.moving(b)
-        weight = self.stiffness * self.first.lengths(tree)
+        weight = self.point_stiffness(tree)
         width = _width(self.second)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
@@ -331,10 +332,10 @@ class SolidContact(Term):
             for touch, share, unit, cross in zip(
                 at.touches, at.share, units, (jnp.swapaxes(both, 1, 2), both), strict=True
             ):
-                along = _square(touch.normal) + _square(touch.tangent) - jnp.eye(3)
+                along = square(touch.normal) + square(touch.tangent) - jnp.eye(3)
                 bend = (share * push * touch.bent)[:, None, None] * along
                 own = point_stiffness(position, -(share * push)[:, None] * touch.normal, bend)
-                own += (touching * share**2 + fillet)[:, None, None] * _square(unit)
+                own += (touching * share**2 + fillet)[:, None, None] * square(unit)
                 force = -(share * push)[:, None] * unit
                 wrench += on_frames(force, a, tree.frames) - on_frames(touch.which.T @ force, b, tree.frames)
                 stiffness += on_frames(own + cross, a, tree.frames)
@@ -355,8 +356,3 @@ class SolidContact(Term):
             )
 
         return expand
-
-
-def _square(x: Float[Array, "points n"]) -> Float[Array, "points n n"]:
-    """x xᵀ of each."""
-    return x[:, :, None] * x[:, None, :]

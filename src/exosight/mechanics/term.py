@@ -63,6 +63,9 @@ class Expansion(NamedTuple):
     coupling: Float[Array, "dofs dofs"] | None = None
 
 
+Memories = tuple[Float[AnyArray, "..."], ...]
+"""What the terms of a robot remember, one array for each that does (`TermWithMemory`)."""
+
 Bound = Callable[[Float[Array, " dofs"], Motion, Float[Array, " loads"]], Expansion]
 
 
@@ -159,6 +162,11 @@ def zero(tree: Tree, loads: Float[Array, " loads"]) -> Expansion:
         load_energy=jnp.zeros(channels),
         load_gradient=jnp.zeros((channels, n)),
     )
+
+
+def square(x: Float[Array, "points n"]) -> Float[Array, "points n n"]:
+    """x xᵀ of each."""
+    return x[:, :, None] * x[:, None, :]
 
 
 def one_channel(values: Float[Array, "..."], channel: int, count: int) -> Float[Array, "count ..."]:

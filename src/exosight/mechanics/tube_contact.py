@@ -107,7 +107,7 @@ class TubeContact(Term):
     ) -> tuple[Float[AnyArray, "points 3"], Closest]:
         """The force on the first tube at each of its points, in the world [N], and where it acts."""
         at = self.closest(tree, pose)
-        push = self.stiffness * self.first.lengths(tree) * jnp.maximum(at.overlap, 0.0)
+        push = self.point_stiffness(tree) * jnp.maximum(at.overlap, 0.0)
         return push[:, None] * at.normal, at
 
     def point_frames(self, tree: Tree) -> np.ndarray:
@@ -145,7 +145,7 @@ class TubeContact(Term):
             np.array([order.index(i) for i in tube.frames(tree)]) for tube in (self.first, self.second)
         )
         found = self._closest(tree, at.position[own], at.position[other], at.pose[other, :3, 0])
-        weight = self.stiffness * self.first.lengths(tree)
+        weight = self.point_stiffness(tree)
         return 0.5 * jnp.sum(weight * jnp.maximum(found.overlap, 0.0) ** 2)
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
@@ -169,7 +169,7 @@ class TubeContact(Term):
         """Wrenches on the point and on both nodes of its piece, and the second derivative by coordinates."""
         a, b = self.first.frames(tree), self.second.frames(tree)
         moving = np.array(tree.moving(self.frames(tree)), int)
-        weight = self.stiffness * self.first.lengths(tree)
+        weight = self.point_stiffness(tree)
         may_touch = _may_touch(self, tree)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:

@@ -17,13 +17,11 @@ from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.surface_contact import SolidContact, Solids
+from exosight.mechanics.term import Memories
 from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.sensors import SensorInput, SurfaceForces, force_per_length
 from exosight.system.surfaces import zone_middle
 from exosight.system.system import System
-
-History = tuple[Float[AnyArray, "..."], ...]
-"""What the terms of a robot remember, see `Equilibria`."""
 
 
 class Observation(eqx.Module):
@@ -84,7 +82,7 @@ PROFILE_UNITS = {
 
 
 def force_profiles(
-    system: System, q: Float[AnyArray, "states dofs"], history: History = (), places: int = 20
+    system: System, q: Float[AnyArray, "states dofs"], history: Memories = (), places: int = 20
 ) -> dict[str, np.ndarray]:
     """Force per length along every tube that something presses on, at the middles of equal parts of it.
 
@@ -101,12 +99,16 @@ def force_profiles(
 
 @eqx.filter_jit
 def _profiles(
-    system: System, states: Float[Array, "states dofs"], history: History, tubes: tuple[str, ...], places: int
+    system: System,
+    states: Float[Array, "states dofs"],
+    history: Memories,
+    tubes: tuple[str, ...],
+    places: int,
 ) -> dict[str, dict[str, Float[Array, "states ..."]]]:
     robot = system.robot
     lengths = {tube.name: tube.along(robot)[-1] for tube in system.tubes}
 
-    def at(q: Float[Array, " dofs"], history: History) -> dict[str, dict[str, Float[Array, "..."]]]:
+    def at(q: Float[Array, " dofs"], history: Memories) -> dict[str, dict[str, Float[Array, "..."]]]:
         on = contact_forces(system, robot.with_memories(history), walk(robot, q))
         found = {}
         for name in tubes:
@@ -123,7 +125,9 @@ def _profiles(
 
 
 @eqx.filter_jit
-def observe(systems: System, q: Float[AnyArray, "systems states dofs"], history: History = ()) -> Observation:
+def observe(
+    systems: System, q: Float[AnyArray, "systems states dofs"], history: Memories = ()
+) -> Observation:
     """Sensors and surfaces of stacked systems at coordinates q, see `stack_systems`.
 
     history   of each state, see `Equilibria`; only systems with friction have one
@@ -136,7 +140,7 @@ def observe(systems: System, q: Float[AnyArray, "systems states dofs"], history:
     )
 
 
-def observe_state(system: System, q: Float[Array, " dofs"], history: History = ()) -> Observation:
+def observe_state(system: System, q: Float[Array, " dofs"], history: Memories = ()) -> Observation:
     """The same of one system at one state; JAX can differentiate it."""
     robot = system.robot.with_memories(history)
     motion = walk(robot, q)
