@@ -39,7 +39,7 @@ from exosight.control import (
     true_reading,
 )
 from exosight.control.calibration import calibrate_estimator
-from exosight.control.estimator import DEFAULT_MODEL
+from exosight.control.estimator import SHIPPED_MODELS
 from exosight.control.scheduled import RELEASED
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.trials import (
@@ -62,7 +62,7 @@ from exosight.evaluation.figures.style import (
     styled,
 )
 from exosight.exosuit.assembly import Exosuit
-from exosight.exosuit.published import published
+from exosight.exosuit.published import Preset, published
 
 HERE = Path(__file__).parent
 PAGE, RESULT, IMAGES = HERE / "control.md", HERE / "results" / "control.json", HERE / "images"
@@ -85,13 +85,13 @@ LAW_OWN, OURS_OWN = "paper's law, image, calibrated", "guarded, image, calibrate
 COLOURS = (BLUE, VERMILION, GREEN)
 
 
-def measure() -> dict[str, Any]:
+def measure(preset: Preset = published) -> dict[str, Any]:
     """Every run of both figures: traces and measures by controller and target, or gain."""
-    estimator = OnnxEstimator.load(DEFAULT_MODEL)
+    estimator = OnnxEstimator.load(SHIPPED_MODELS[preset(CONTROL_SHAPE).name])
     camera, exosuit = camera_of(estimator.card), Exosuit(CONTROL_SHAPE)
-    system = published(exosuit, camera)
+    system = preset(exosuit, camera)
     plant, config = SimulatedPlant(system), tune(system)
-    stiffer = SimulatedPlant(published(replace(exosuit, young=STIFFER * exosuit.young), camera))
+    stiffer = SimulatedPlant(preset(replace(exosuit, young=STIFFER * exosuit.young), camera))
     constants = {f"{force:.2f} N": hold(force, STEADY_STATE_STEPS) for force in STEADY_STATE_TARGETS}
     step = hold_and_release(STEP_TARGET, round(STEP_SECONDS * 10))
     own = calibrate_estimator(estimator, system, config)
@@ -237,9 +237,9 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
         constants.append(
             [
                 name,
-                *(_settled(trace) for trace in own),
+                *(settled(trace) for trace in own),
                 " / ".join(f"{trace['overshoot_percent']:.0f}" for trace in own),
-                " / ".join(_percent(trace) for trace in own),
+                " / ".join(percent(trace) for trace in own),
             ]
         )
     rows = [[f"paper, K_P = {gain}", words, "–", "–", "–"] for gain, words in PAPER_STEP.items()]
@@ -248,7 +248,7 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
             rows.append(
                 [
                     name + (f", K_P = {gain}" if gain else ""),
-                    _settled(trace),
+                    settled(trace),
                     f"{trace['largest_u']:.2f}, {trace['smallest_u']:.2f}".replace("-", "−"),
                     "never" if trace["seconds_to_5_mN"] is None else f"{trace['seconds_to_5_mN']:.1f}",
                     f"{trace['last']:.3f}",
@@ -277,7 +277,8 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _settled(trace: dict[str, Any]) -> str:
+def settled(trace: dict[str, Any]) -> str:
+    """Steps to settle, or what it does instead."""
     if trace["settling_steps"] is not None:
         return f"{trace['settling_steps']:.0f}"
     held = sum(force > 0 for force in trace["target"])
@@ -287,7 +288,8 @@ def _settled(trace: dict[str, Any]) -> str:
     return "not settled" if (np.diff(late) >= 0).all() else f"oscillates by {trace['ripple']:.2f} N"
 
 
-def _percent(trace: dict[str, Any]) -> str:
+def percent(trace: dict[str, Any]) -> str:
+    """The steady-state error as a share of the target [%]."""
     return f"{100 * abs(trace['steady_state_error']) / trace['target'][0]:.1f}"
 
 

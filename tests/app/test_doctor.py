@@ -21,7 +21,7 @@ def test_it_reports_this_installation(capsys: pytest.CaptureFixture[str]) -> Non
     core = {package["name"]: package for package in found["core"]}
     assert core["numpy"]["installed"] == metadata.version("numpy")
     assert all(package["fits"] for package in core.values())
-    assert found["estimator"].endswith("answers")
+    assert found["estimator"].endswith("answer")
     assert "cpu" in found["jax"] or "gpu" in found["jax"] or "cuda" in found["jax"]
     assert found["cores"] >= 1
     assert found["disk"] > 0
@@ -53,7 +53,7 @@ def test_a_broken_core_ends_in_exit_code_2(
 def test_a_network_that_does_not_answer_is_a_fault(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("exosight.control.estimator.DEFAULT_MODEL", tmp_path / "none.onnx")
+    monkeypatch.setattr("exosight.control.estimator.SHIPPED_MODELS", {"index": tmp_path / "none.onnx"})
     with pytest.raises(SystemExit) as end:
         main(["doctor"])
     assert end.value.code == 2

@@ -32,19 +32,9 @@ def test_simulate_draws_its_readings_over_the_load(
 
 
 def test_simulate_draws_and_tells_the_force_along_tubes(tmp_path: Path) -> None:
-    text = THUMB.read_text()
-    for old, new in (
-        ('"sleeve_points"\nsecond = "pads"\nstiffness = "1000 N/m"', '"sleeve_tube"\nsecond = "skin"'),
-        ('surface = "pads"\nspheres = [1, 2]', 'surface = "skin"\nat = "20 mm"'),
-        ('surface = "pads"\nspheres = [3, 4]', 'surface = "skin"\nat = "40 mm"'),
-        ('surface = "pads"\nspheres = [5, 6, 7]', 'surface = "skin"\nat = "60 mm"'),
-    ):
-        assert old in text
-        text = text.replace(old, new)
-    (tmp_path / "tubes.toml").write_text(text)
     answer, plot = tmp_path / "path.json", tmp_path / "path.svg"
     words = ("--u", "2", "4", "--plot", str(plot), "--poses", "--json", str(answer))
-    main(["simulate", "--system", str(tmp_path / "tubes.toml"), *words])
+    main(["simulate", "--system", str(THUMB), *words])
     assert plot.read_text().count('<g id="axes_') == 5  # contacts, their sum, angles; along both tubes
     found = json.loads(answer.read_text())
     assert found["units"]["force_per_length_skin"].startswith("x, y, z in N/m")

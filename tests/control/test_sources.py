@@ -89,6 +89,16 @@ def test_a_folder_shows_its_pictures_in_the_order_of_names(tmp_path: Path) -> No
     assert frames[0].time <= frames[1].time <= frames[2].time
 
 
+def test_a_picture_that_cannot_be_read_is_a_missing_frame_and_told(tmp_path: Path) -> None:
+    for name, side in (("a.png", 8), ("c.png", 8), ("d.png", 12)):
+        cv2.imwrite(str(tmp_path / name), np.zeros((side, 8), np.uint8))
+    (tmp_path / "b.png").write_bytes(b"not a picture")
+    faults: list[str] = []
+    frames = list(open_source(str(tmp_path), 8, 8, unread=faults.append))
+    assert [frame is not None for frame in frames] == [True, False, True, False]
+    assert [fault.partition(":")[0] for fault in faults] == [str(tmp_path / name) for name in ("b.png", "d.png")]
+
+
 def test_a_crop_acts_on_the_pictures_of_a_folder(tmp_path: Path) -> None:
     picture = np.zeros((48, 64), np.uint8)
     picture[:, 8:56] = 200

@@ -15,7 +15,7 @@ from exosight.lab.system import LabSystem, open_system
 @pytest.fixture(scope="session")
 def lab() -> LabSystem:
     """The published system."""
-    return open_system()
+    return open_system("published")
 
 
 @pytest.fixture(scope="session")

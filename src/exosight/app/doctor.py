@@ -175,14 +175,15 @@ def _try_estimator() -> tuple[str, bool]:
     try:
         import numpy as np
 
-        from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+        from exosight.control.estimator import SHIPPED_MODELS, OnnxEstimator
 
-        estimator = OnnxEstimator.load(DEFAULT_MODEL)
-        card = estimator.card
-        estimator.read(np.full((1, *card.schema.image_size), 200, np.uint8))
+        models = dict.fromkeys(SHIPPED_MODELS.values())
+        for path in models:
+            estimator = OnnxEstimator.load(path)
+            estimator.read(np.full((1, *estimator.card.schema.image_size), 200, np.uint8))
     except Exception as error:
         return f"does not work: {_first_line(error)}", False
-    return f"{DEFAULT_MODEL.name} answers", True
+    return f"{', '.join(path.name for path in models)} answer", True
 
 
 def _first_line(error: Exception) -> str:

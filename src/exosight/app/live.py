@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from exosight.app.console import say
 from exosight.app.stopping import PATIENCE, STOP
 from exosight.control.actuators import Lines, NoActuator
 from exosight.control.estimator import OnnxEstimator
@@ -185,7 +186,9 @@ def opened(
         yield None
         return
     height, width = network.card.schema.image_size
-    with closing(open_source(source, width, height, crop)) as frames:
+    with closing(
+        open_source(source, width, height, crop, lambda fault: say(f"not read: {fault}"))
+    ) as frames:
         yield frames, source.isdecimal()
 
 

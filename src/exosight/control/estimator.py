@@ -14,8 +14,30 @@ from exosight.learning.model_file import BATCH, OUTPUTS, ModelCard, open_model
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.outputs import nonnegative
 
-DEFAULT_MODEL = Path(__file__).parents[1] / "models" / "light.onnx"
-"""The network that comes with the package; its card lies beside it."""
+_MODELS = Path(__file__).parents[1] / "models"
+
+DEFAULT_MODEL = _MODELS / "light.onnx"
+"""The network that comes with the package for the published system; the cards of all lie beside it."""
+
+SHIPPED_MODELS = {
+    "published": DEFAULT_MODEL,
+    "index": _MODELS / "index.onnx",
+    "index-friction": _MODELS / "index.onnx",
+}
+"""The networks that come with the package, by the system that they are for."""
+
+SHIPPED = "shipped"
+"""What options call the network of the package for the system at hand."""
+
+
+def model_path(given: Path | None, system: str) -> Path:
+    """The file of a network: as given, or the package's own for a system where it is left out or "shipped".
+
+    A system that the package has no network for gets the published system's, which then does not fit it.
+    """
+    if given is not None and str(given) != SHIPPED:
+        return given
+    return SHIPPED_MODELS.get(system, DEFAULT_MODEL)
 
 _LARGEST = 1e20
 """Of what a network answers: no interval or share of a limit made from it overflows."""

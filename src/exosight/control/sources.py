@@ -51,7 +51,13 @@ Fit = Callable[[np.ndarray], UInt8[np.ndarray, "height width"]]
 """From a picture as a camera gives it to the one that the network takes: `fitted`."""
 
 
-def open_source(name: str, width: int, height: int, crop: Crop | None = None) -> FrameStream:
+def open_source(
+    name: str,
+    width: int,
+    height: int,
+    crop: Crop | None = None,
+    unread: Callable[[str], None] = lambda fault: None,
+) -> FrameStream:
     """The frames of a camera ("0", "1", …), a folder of pictures, or a video file.
 
     One frame is read at once, so that what is wrong with the source is raised here.
@@ -59,6 +65,7 @@ def open_source(name: str, width: int, height: int, crop: Crop | None = None) ->
     width, height  of the pictures that the network takes [pixels]
     crop           the part of each picture that it gets; by default the largest in the middle, of a folder's
                    pictures all
+    unread         called with what is wrong with a picture of a folder that is left out
 
     Raises InputError if there is no such source or the crop leaves its pictures, DataError if it cannot be
     read.
@@ -67,7 +74,7 @@ def open_source(name: str, width: int, height: int, crop: Crop | None = None) ->
         return camera(int(name), width, height, crop)
     path = Path(name)
     if path.is_dir():
-        return pictures(path, width, height, crop)
+        return pictures(path, width, height, crop, unread)
     if path.is_file():
         return video(path, width, height, crop)
     raise InputError(
@@ -75,13 +82,33 @@ def open_source(name: str, width: int, height: int, crop: Crop | None = None) ->
     )
 
 
-def pictures(folder: Path, width: int, height: int, crop: Crop | None = None) -> FrameStream:
-    """The pictures of a folder in the order of their names, one each time; DataError if there are none."""
+def pictures(
+    folder: Path,
+    width: int,
+    height: int,
+    crop: Crop | None = None,
+    unread: Callable[[str], None] = lambda fault: None,
+) -> FrameStream:
+    """The pictures of a folder in the order of their names, one each time.
+
+    In place of one that cannot be read there is no frame, and `unread` is called with the reason.
+
+    Raises DataError if there are none, or if the first cannot be read.
+    """
     files = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
     if not files:
         raise DataError(f"{folder}: no pictures in it; expected files that end in {', '.join(PICTURES)}")
     read_gray(files[0], width, height, crop)
-    return (Frame(read_gray(path, width, height, crop), time.monotonic()) for path in files)
+
+    def frames() -> FrameStream:
+        for path in files:
+            try:
+                yield Frame(read_gray(path, width, height, crop), time.monotonic())
+            except (DataError, InputError) as error:
+                unread(str(error))
+                yield None
+
+    return frames()
 
 
 def video(path: Path, width: int, height: int, crop: Crop | None = None) -> FrameStream:

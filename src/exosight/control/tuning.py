@@ -76,6 +76,7 @@ def tune(
     """
     schema = system.schema
     driven, sensor = schema.channel(channel), sensor or schema.controlled
+    weights = schema.weights(sensor)
     rate = default_rate(driven) if rate is None else rate
     pull = min(0.25 * driven.peak, -driven.low) if pull is None else pull
     _check_numbers(driven, contact_limit, rate, pull, period)
@@ -88,7 +89,7 @@ def tune(
             f"tune: {sensor} is not released at {driven.name} = {-pull:g} {driven.unit}; "
             "allow it a larger pull"
         )
-    smallest, largest = _gain_bounds((loading, unloading), schema.weights(sensor), driven.peak)
+    smallest, largest = _gain_bounds((loading, unloading), weights, driven.peak)
     return ControllerConfig(
         schema=schema,
         sensor=sensor,

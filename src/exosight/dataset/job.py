@@ -24,7 +24,7 @@ from exosight.dataset.config import GenerateConfig
 from exosight.dataset.manifest import FORMAT, JOB, ChunkEntry, Count
 from exosight.dataset.store import chunk_name
 from exosight.errors import DataError, InputError
-from exosight.files import replace_file, write_new_file
+from exosight.files import open_file, read_file, replace_file, write_new_file
 from exosight.validation import CONFIG, first_difference
 
 LOCK = ".lock"
@@ -112,9 +112,7 @@ def finished(folder: Path, job: GenerationJob, number: int, designs: range) -> C
     """The record of a chunk of this job if its file is whole, else None."""
     path = folder / _record_name(number)
     try:
-        if path.stat().st_size > LARGEST_RECORD:
-            return None
-        record = _RECORD.validate_json(path.read_bytes())
+        record = _RECORD.validate_json(read_file(path, LARGEST_RECORD, "expected the record of a chunk"))
         if (record.job, record.number, set(record.dropped)) != (identity(job), number, set(job.causes)):
             return None
         entry = record.entry
@@ -122,9 +120,9 @@ def finished(folder: Path, job: GenerationJob, number: int, designs: range) -> C
             return record
         if entry.file != chunk_name(number) or not set(entry.designs) <= set(designs):
             return None
-        with (folder / entry.file).open("rb") as file:
+        with open_file(folder / entry.file, "expected a chunk of the dataset") as file:
             whole = hashlib.file_digest(file, "sha256").hexdigest() == entry.sha256
-    except (OSError, ValidationError):
+    except (OSError, DataError, ValidationError):
         return None
     return record if whole else None
 
@@ -132,10 +130,8 @@ def finished(folder: Path, job: GenerationJob, number: int, designs: range) -> C
 def stored_description(folder: Path, system: str) -> dict[str, JsonValue] | None:
     """The entries of the system file that a folder's job was begun with; None if with another, or none."""
     try:
-        if (folder / JOB).stat().st_size > LARGEST_JOB:
-            return None
-        job = _JOB.validate_json((folder / JOB).read_bytes())
-    except (OSError, ValidationError):
+        job = _JOB.validate_json(read_file(folder / JOB, LARGEST_JOB, "expected a dataset's job"))
+    except (DataError, ValidationError):
         return None
     return job.description if job.config.system == system else None
 
@@ -170,7 +166,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def _check_same(path: Path, job: GenerationJob) -> None:
     """Raise unless a job's file says what this job is."""
-    content = path.read_bytes() if path.stat().st_size <= LARGEST_JOB else b""
+    content = read_file(path, LARGEST_JOB, "expected the job of a dataset")
     try:
         found = json.loads(content)
     except (ValueError, RecursionError):

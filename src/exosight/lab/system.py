@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 
-from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+from exosight.control.estimator import OnnxEstimator, model_path
 from exosight.errors import InputError
 from exosight.exosuit.catalogue import PRESETS, find_system
 from exosight.lab.designs import DesignControls, file_controls, key_of
@@ -15,7 +15,8 @@ from exosight.lab.settings import CameraSettings, LoopSettings, PathSettings, Vi
 from exosight.system.designs import DesignSet, FileDesigns
 from exosight.system.schema import Schema, SensorSpec, network_difference
 
-PUBLISHED = "published"
+DEFAULT = "index"
+"""The system that is shown if none is named."""
 _START = 0.6  # share of its peak that the first channel starts at
 
 
@@ -112,7 +113,7 @@ class LabSystem:
     def command(self, view: View) -> str:
         """The command that opens the page with this view; with `--out FOLDER` it writes the view's files."""
         words = ["exosight", "lab"]
-        words += [] if self.name == PUBLISHED else ["--system", self.name]
+        words += [] if self.name == DEFAULT else ["--system", self.name]
         words += [] if self.model is None else ["--model", str(self.model)]
         changed = self.controls.changed(view.design)
         words += ["--vary", *changed] if changed else []
@@ -128,7 +129,7 @@ class LabSystem:
         return shlex.join(words)
 
 
-def open_system(name: str = PUBLISHED, model: Path | None = None) -> LabSystem:
+def open_system(name: str = DEFAULT, model: Path | None = None) -> LabSystem:
     """The system of a preset or a file, with a network: the package's own by default.
 
     Raises InputError or DataError for a system or a network that cannot be used.
@@ -137,7 +138,7 @@ def open_system(name: str = PUBLISHED, model: Path | None = None) -> LabSystem:
     controls = (
         file_controls(designs) if isinstance(designs, FileDesigns) else published_controls(PRESETS[name][0])
     )
-    network = OnnxEstimator.load(DEFAULT_MODEL if model is None else model, alone=True)
+    network = OnnxEstimator.load(model_path(model, name), alone=True)
     grids = tuple(grid_of(channel) for channel in controls.schema.channels)
     return LabSystem(name, designs, controls, grids, network, model, _refusal(network, controls.schema))
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import pydantic
 
 from exosight.errors import DataError
-from exosight.files import replace_file
+from exosight.files import read_file, replace_file
 
 HISTORY_NAME = "history.csv"
+_LARGEST = 2**24  # bytes; an epoch takes a hundred
 
 
 @dataclass(frozen=True)
@@ -61,11 +62,9 @@ def read_history(folder: Path) -> tuple[EpochRecord, ...]:
     Raises DataError if the file is missing or is not such a table.
     """
     path = folder / HISTORY_NAME
+    content = read_file(path, _LARGEST, "expected a run's folder")
     try:
-        with path.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.DictReader(stream))
-    except OSError as error:
-        raise DataError(f"{path}: cannot be read ({error.strerror}); expected a run's folder") from error
+        rows = list(csv.DictReader(content.decode().splitlines()))
     except (ValueError, csv.Error) as error:
         raise DataError(f"{path}: not a table of text") from error
     try:

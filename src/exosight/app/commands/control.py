@@ -37,7 +37,8 @@ def control(
         loop: what is driven
         targets: of the sensor [its unit]; default: half of its largest reading within the limits
         gains: K_P [channel's unit per sensor's]; default: half of what the steepest part of the path asks for
-        model: exported network, from `exosight train`; without it the sensor is the true reading
+        model: exported network, from `exosight train`, or 'shipped', the package's own for the system; without
+            it the sensor is the true reading
         out: folder for time series (CSV), figures (SVG), results and configuration (JSON); it must not exist
         plot: draw sensor and command of every trial over time, to a new file (PNG, PDF or SVG)
         json: write the results as JSON to a new file, or to stdout with "-", instead of a table
@@ -55,12 +56,14 @@ def control(
     from exosight.app.nominal import nominal_system
     from exosight.app.plots import plot_trials, write_plot
     from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials, true_reading
+    from exosight.control.estimator import model_path
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.catalogue import find_system
     from exosight.exosuit.published import PublishedDesigns
 
     designs = find_system(loop.system)
-    estimator = None if model is None else OnnxEstimator.load(model)
+    place = None if model is None else model_path(model, loop.system)
+    estimator = None if place is None else OnnxEstimator.load(place)
     driven = nominal_system(designs, Exosuit(CONTROL_SHAPE), estimator)
     measure = (
         true_reading(loop.sensor) if estimator is None else from_image(estimator, driven.schema, loop.sensor)
@@ -72,7 +75,7 @@ def control(
     with results_folder(out) as folder:
         trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
         if folder is not None:
-            write_trials(trials, model and str(model), driven.camera, folder)
+            write_trials(trials, place and (str(place) if place == model else place.name), driven.camera, folder)
     if plot is not None:
         write_plot(plot_trials(trials), plot)
     show_or_write([trials_table(trials)], {"trials": summaries(trials)}, json)

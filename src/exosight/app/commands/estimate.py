@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import tyro
 
-from exosight.app.commands.options import Json, MaybePath, Pixels, Plot
+from exosight.app.commands.options import PUBLISHED, Json, MaybePath, Pixels, Plot, SystemName
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import check_plot
 from exosight.errors import DataError, ExosightError, InputError
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 def estimate(
     images: tyro.conf.Positional[Annotated[tuple[Path, ...], tyro.conf.arg(metavar="IMAGE …")]],
+    system: SystemName = PUBLISHED,
     model: MaybePath = None,
     level: float = 0.9,
     crop: Pixels = None,
@@ -40,7 +41,8 @@ def estimate(
 
     Args:
         images: picture files (PNG, JPEG, TIFF)
-        model: exported network, from `exosight train`; the one that comes with the package if left out
+        system: preset whose network reads the pictures, if no other is named
+        model: exported network, from `exosight train`; the package's own for the system if left out
         level: share of true values that the intervals are to hold: 0.5, 0.8, 0.9, 0.95 or 0.99
         crop: part of each picture that the network gets [pixels]; its height follows from the network's
             aspect ratio; default: all of it
@@ -49,12 +51,12 @@ def estimate(
     """
     check_json_target(json)
     check_plot(plot)
-    from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator, shown_score
+    from exosight.control.estimator import OnnxEstimator, model_path, shown_score
     from exosight.vision.pictures import read_gray
 
     if not images:
         raise InputError("estimate: expected at least one picture, got none; see exosight estimate --help")
-    estimator = OnnxEstimator.load(model or DEFAULT_MODEL, alone=True)
+    estimator = OnnxEstimator.load(model_path(model, system), alone=True)
     schema = estimator.card.schema
     height, width = estimator.card.schema.image_size
     found, failures, readings = [], [], []

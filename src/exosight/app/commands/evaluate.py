@@ -28,7 +28,7 @@ def evaluate(
 
     Args:
         data: folder of a dataset
-        model: exported network, from `exosight train`; the one that comes with the package if left out
+        model: exported network, from `exosight train`; the package's own for the dataset's system if left out
         out: folder for tables, estimates (CSV, JSON), figures (HTML) and configuration; it must not exist
         seed: seed of the noise, and of the out-of-distribution images
         plot: draw true and estimated values of random frames, to a new file (PNG, PDF or SVG)
@@ -41,16 +41,17 @@ def evaluate(
     from exosight.app.evaluation import evaluate as run
     from exosight.app.evaluation import write_evaluation
     from exosight.app.plots import write_plot
-    from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+    from exosight.control.estimator import OnnxEstimator, model_path
     from exosight.evaluation.figures import sample_traces
 
-    place = model or DEFAULT_MODEL
     with results_folder(out) as folder:
+        loaded = load(data)
+        place = model_path(model, loaded.frames.schema.system)
         estimator = OnnxEstimator.load(place, threads=2)
-        found = run(estimator, load(data), seed)
+        found = run(estimator, loaded, seed)
         say(found.frames)
         if folder is not None:
-            about = {"model": str(model or place.name), "data": str(data), "seed": seed}
+            about = {"model": str(place if place == model else place.name), "data": str(data), "seed": seed}
             write_evaluation(found, about, estimator, folder)
     if plot is not None:
         write_plot(sample_traces(found.schema, found.true, found.estimated), plot)

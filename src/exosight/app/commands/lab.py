@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 from pydantic import Field
 
-from exosight.app.commands.options import MaybePath
+from exosight.app.commands.options import MaybePath, SystemName
 from exosight.app.console import say, waiting
 from exosight.app.output import new_folder
 from exosight.errors import InputError
@@ -22,7 +22,7 @@ NOMINAL_CAMERA = CameraSettings()
 
 def lab(
     camera: Annotated[CameraSettings, tyro.conf.arg(name="")] = NOMINAL_CAMERA,
-    system: str = "published",
+    system: SystemName = "index",
     model: MaybePath = None,
     vary: tuple[str, ...] = (),
     drive: tuple[Finite, ...] = (),
@@ -44,10 +44,10 @@ def lab(
 
     Args:
         camera: what its camera does
-        system: published, or a system file *.toml
-        model: network that reads the pictures; by default the one that comes with the package
-        vary: values of the design, as NAME=VALUE: of a system file the entries that vary; of the published
-            system family, its parameters (r0, r1, a, b_0 …), length, young, gap, finger_length,
+        system: name of a preset, or a system file (*.toml)
+        model: network that reads the pictures; by default the package's own for the system
+        vary: values of the design, as NAME=VALUE: of a system file the entries that vary; of a preset the
+            family of its shape, its parameters (r0, r1, a, b_0 …), length, young, gap, finger_length,
             finger_radius and joint_stiffness
         drive: commands driven to one after the other, from rest, one a channel for each stop [the channels'
             units]; the last stop is seen. By default 60 % of the first channel's peak

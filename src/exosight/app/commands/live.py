@@ -91,7 +91,7 @@ def live(
         run: target, duration, rate and limits
         loop: what is driven
         exosuit: of the published system
-        model: exported network, from exosight train; the one that comes with the package if left out
+        model: exported network, from exosight train; the package's own for the system if left out
         plot: draw the sensor and the command over time, to a new file (PNG, PDF or SVG)
         json: write timing and the guard's log as JSON to a new file, or to stdout with "-"
     """
@@ -100,9 +100,9 @@ def live(
     if run.record is not None:
         check_new_file(run.record)
     if device.send is not None and device.send != "-":
-        place = Path(device.send)
-        if place.is_file() or not place.exists():  # neither a device nor a pipe
-            check_new_file(place)
+        sink = Path(device.send)
+        if sink.is_file() or not sink.exists():  # neither a device nor a pipe
+            check_new_file(sink)
     if device.send == "-" and json == "-":
         raise InputError(
             "live: expected the command or JSON on stdout, got both; name a file for one of them"
@@ -115,7 +115,7 @@ def live(
     from exosight.app.nominal import nominal_system
     from exosight.app.plots import plot_run, write_plot
     from exosight.control import CONTROL_SHAPE
-    from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+    from exosight.control.estimator import OnnxEstimator, model_path
     from exosight.control.tuning import tune
     from exosight.exosuit.catalogue import find_system
     from exosight.exosuit.published import PublishedDesigns
@@ -123,7 +123,8 @@ def live(
     designs = find_system(loop.system)
     if not isinstance(designs, PublishedDesigns):
         exosuit.refuse(f"change {loop.system} instead")
-    network = OnnxEstimator.load(model or DEFAULT_MODEL, alone=True)
+    place = model_path(model, loop.system)
+    network = OnnxEstimator.load(place, alone=True)
     system = nominal_system(designs, exosuit.exosuit(CONTROL_SHAPE), network)
     with opened(device.source, network, device.crop) as frames:
         say("tuning the controller on a simulation of the system")
@@ -134,7 +135,7 @@ def live(
             unit = config.controlled.unit
             say(f"{config.sensor} reads at most {largest:.3f} {unit} within the limits, less than the target")
         targets, log = [target] * max(1, round(run.seconds * run.rate)), Log(say, config)
-        started = LiveRun(system, network, model or DEFAULT_MODEL, config, targets, run.record)
+        started = LiveRun(system, network, place, config, targets, run.record)
         try:
             if frames is None:
                 on_simulation(started, log)

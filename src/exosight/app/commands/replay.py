@@ -32,21 +32,21 @@ def replay(
 
     Args:
         recording: file from exosight live --record
-        model: exported network, from exosight train; the one that comes with the package if left out
+        model: exported network, from exosight train; the package's own for the recorded system if left out
         plot: draw sensor and command over time, recorded and replayed, to a new file (PNG, PDF or SVG)
         json: write every step as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
     check_plot(plot)
     from exosight.app.live import timing_table
-    from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+    from exosight.control.estimator import OnnxEstimator, model_path
     from exosight.control.recording import STATES, checksum, read_recording
     from exosight.control.replay import replay as run
 
-    place = model or DEFAULT_MODEL
-    network = OnnxEstimator.load(place, alone=True)
     recorded = read_recording(recording)
     config = recorded.controller
+    place = model_path(model, config.schema.system)
+    network = OnnxEstimator.load(place, alone=True)
     network.card.check_fits(config.schema, "recording")
     again = run(recorded, network.read)
     outputs = float(np.abs(again.estimated - recorded.estimated).max())

@@ -44,15 +44,18 @@ def stress(
             controller alone; default: 5 for the published system's F_net, otherwise half of what the
             steepest part of the path asks for
         loop: what is driven; the `vary` tables of a system file are what may be wrong about it
-        model: exported network, from `exosight train`; without it the sensor is the true reading
+        model: exported network, from `exosight train`, or 'shipped', the package's own for the system; without
+            it the sensor is the true reading
         out: folder for summary (JSON), every episode (CSV) and figure (SVG); it must not exist
         json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
     from exosight.app.stress import about, prepare, results, run_stress, stress_table, write_stress
+    from exosight.control.estimator import model_path
     from exosight.exosuit.catalogue import find_system
 
+    model = None if model is None else model_path(model, loop.system)
     plants, look = prepare(find_system(loop.system), model, loop.sensor, loop.channel)
     gains = plants.gains if gains is None else gains
     with results_folder(out) as folder:

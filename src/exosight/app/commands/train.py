@@ -12,9 +12,6 @@ from exosight.learning.config import TrainConfig
 
 DEFAULT = TrainConfig()
 
-SHIPPED = "shipped"
-"""What --pretrained calls the network in the package."""
-
 
 def train(
     data: Path,
@@ -47,7 +44,8 @@ def train(
         extra_data: folders of further datasets to learn from; what --data keeps for testing is left out of
             them, as is what --held-out names
         online_designs: designs of each scenario simulated anew for every epoch, and learned from in it alone
-        pretrained: a network to start from in place of random weights: its model.onnx, or 'shipped'
+        pretrained: a network to start from in place of random weights: its model.onnx, or
+            'shipped', the package's own for this system
         protocol: how frames are divided 60/20/20 %: design (unseen designs), frame (the paper's), or with the
             test part that --held-out names: family or variation (unseen stiffness, unseen cameras)
         held_out: what is kept for testing: a family of designs, or something that varies in the dataset, such
@@ -68,15 +66,15 @@ def train(
     from exosight.app.pipeline import MODEL, Sources, check_training, fit
 
     check_training()
-    from exosight.control.estimator import DEFAULT_MODEL
+    from exosight.control.estimator import model_path
     from exosight.evaluation.naming import common_unit
     from exosight.learning import load_pretrained
     from exosight.learning.parallel import join
 
-    place = DEFAULT_MODEL if pretrained == SHIPPED else Path(pretrained) if pretrained else None
-    begun = load_pretrained(place) if place else None
     with join(config.device) as group:
         loaded = load(data)
+        system = loaded.frames.schema.system
+        begun = load_pretrained(model_path(Path(pretrained), system)) if pretrained else None
         split = divided(loaded, protocol, split_seed, held_out)
         with progress("training", "steps") as update:
             history = fit(

@@ -1,0 +1,116 @@
+"""Figures and tables of docs/surface_contact.md: `index` beside `published`; some minutes on one core.
+
+`python docs/figures_surface_contact.py` simulates and draws; with `--draw` it draws what docs/results holds.
+Accuracy and data are those of, with DATA from `exosight generate --system index --per-scenario 125`,
+
+accuracy/index.json      exosight evaluate --data DATA --json docs/results/accuracy/index.json
+"""
+
+import json
+import sys
+from typing import Any
+
+import figures_accuracy as accuracy
+import figures_control as control
+import numpy as np
+from _parts.pages import fill, save, table_of
+from matplotlib.figure import Figure
+
+from exosight.control import CONTROL_SHAPE
+from exosight.evaluation.figures.style import BLUE, GRAY, GREEN, VERMILION, new_figure, styled
+from exosight.exosuit.catalogue import nominal_system
+from exosight.exosuit.index import index
+from exosight.mechanics import drive
+from exosight.system.observation import observe
+from exosight.system.system import stack_systems
+
+HERE = control.HERE
+PAGE, RESULT, IMAGES = HERE / "surface_contact.md", HERE / "results" / "surface_contact.json", control.IMAGES
+COLOURS = {"published": VERMILION, "index": BLUE, "index-friction": GREEN}
+LOADS = np.concatenate([np.arange(0, 81), np.arange(79, -1, -1)]) / 20
+"""u [N], up and down."""
+SETTLING = (control.LAW, control.LAW_IMAGE, control.OURS, control.OURS_IMAGE)
+
+
+def measure() -> dict[str, Any]:
+    """F_net over u of the controller's exosuit on each system, and the runs of its loop on `index`."""
+    return {"u": LOADS.tolist(), "F_net": {name: _path(name) for name in COLOURS}, **control.measure(index)}
+
+
+def _path(name: str) -> list[float]:
+    system = nominal_system(name, CONTROL_SHAPE)
+    found = drive([system.robot], LOADS[:, None])
+    assert np.all(found.converged), name
+    stacked = stack_systems([system])
+    seen = observe(stacked, found.q, found.history)
+    return np.asarray(seen.readings)[0, :, system.schema.index("F_net")].round(5).tolist()
+
+
+def load() -> dict[str, Any]:
+    """The stored results."""
+    return {**json.loads(RESULT.read_text()), "accuracy": accuracy.load()}
+
+
+@styled
+def paths(found: dict[str, Any]) -> Figure:
+    """F_net over u, up and down, on each system."""
+    figure = new_figure(height=2.8, width=7.2)
+    peak = len(found["u"]) // 2
+    for axes, (name, force) in zip(
+        figure.subplots(1, 3, sharex=True, sharey=True), found["F_net"].items(), strict=True
+    ):
+        axes.plot(found["u"][: peak + 1], force[: peak + 1], color=COLOURS[name], label="u rising")
+        axes.plot(found["u"][peak:], force[peak:], "--", color=COLOURS[name], label="u falling")
+        for target in (0.25, 0.30, 0.35):
+            axes.axhline(target, color=GRAY, linewidth=0.6, linestyle=":")
+        axes.set_title(name)
+        axes.set_xlabel("u [N]")
+        axes.legend(loc="upper left")
+    figure.axes[0].set_ylabel("F_net [N]")
+    return figure
+
+
+def tables(found: dict[str, Any]) -> dict[str, str]:
+    """The page's tables, by name."""
+    networks = {"published": found["accuracy"]["shape"], "index": found["accuracy"]["index"]}
+    contacts = [
+        [f"{words}, {name}", *(f"{factor * x:.{digits}f}" for x in accuracy.of_contacts(result, column))]
+        for words, column, factor, digits in (
+            ("r", "r exosight", 1.0, 4),
+            ("RMSE [mN]", "RMSE exosight [N]", 1e3, 1),
+        )
+        for name, result in networks.items()
+    ]
+    noise = [
+        [name, *(f"{row['r exosight']:.4f}" for row in result["robustness"])]
+        for name, result in networks.items()
+    ]
+    own = control.load()["constant"]
+    loop = [
+        [f"{controller}: {name}", *(control.settled(runs[controller][target]) for target in control.PAPER)]
+        + [" / ".join(f"{runs[controller][target]['overshoot_percent']:.0f}" for target in control.PAPER)]
+        + [" / ".join(control.percent(runs[controller][target]) for target in control.PAPER)]
+        for controller in SETTLING
+        for name, runs in (("published", own), ("index", found["constant"]))
+    ]
+    return {
+        "contacts": table_of(("unseen exosuits", *accuracy.CONTACTS), contacts),
+        "noise": table_of(("mean r", *accuracy.IMAGES), noise),
+        "loop": table_of(
+            ("controller and system", *control.PAPER, "overshoot [%]", "steady-state error [%]"), loop
+        ),
+    }
+
+
+def main() -> None:
+    """Simulate, unless `--draw` is given; write figures and page."""
+    if "--draw" not in sys.argv[1:]:
+        RESULT.write_text(json.dumps(measure()) + "\n")
+    found = load()
+    save(paths(found), IMAGES / "surface_contact.png")
+    save(control.constant(found["constant"]), IMAGES / "surface_contact_loop.png")
+    fill(PAGE, tables(found))
+
+
+if __name__ == "__main__":
+    main()
