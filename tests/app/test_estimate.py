@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 
 from exosight.app.main import main
-from exosight.control.estimator import DEFAULT_MODEL, OnnxEstimator
+from exosight.control.estimator import DEFAULT_MODEL, SHIPPED_MODELS, OnnxEstimator
 from exosight.control.simulated import SimulatedPlant
-from exosight.exosuit.published import published
+from exosight.exosuit.index import index, index_friction
+from exosight.exosuit.published import Preset, published
 from exosight.exosuit.shapes import ExosuitShape, Linear
+from exosight.system.system import System
 from exosight.vision.ood_images import draw_ood_images
 
 SHAPE = ExosuitShape(Linear(r0=0.01, r1=0.005), length=0.095)
@@ -20,8 +22,12 @@ SHAPE = ExosuitShape(Linear(r0=0.01, r1=0.005), length=0.095)
 
 @pytest.fixture(scope="module")
 def frames() -> tuple[np.ndarray, np.ndarray]:
+    return _seen(published(SHAPE))
+
+
+def _seen(system: System) -> tuple[np.ndarray, np.ndarray]:
     """Images up to 2.4 N, and what the estimated sensors read on them [N]."""
-    plant = SimulatedPlant(published(SHAPE))
+    plant = SimulatedPlant(system)
     plant.reset()
     found = [plant.apply(np.array([u])) for u in np.linspace(0, 2.4, 13)]
     readings = np.array([each.readings for each in found])[:, plant.schema.output_indices()]
@@ -35,6 +41,20 @@ def test_forces_of_an_unseen_exosuit_are_near_the_true_ones(frames: tuple[np.nda
     # Its card states 0.006 N RMSE over many exosuits; for a single one, several times that.
     assert np.sqrt(np.mean(error**2)) < 0.03
     assert np.all(read.ood_score < 1)
+
+
+@pytest.mark.parametrize("preset", [index, index_friction])
+def test_presets_have_networks_of_their_own(
+    preset: Preset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    system = preset(SHAPE)
+    images, forces = _seen(system)
+    cv2.imwrite(str(tmp_path / "pose.png"), images[-1])
+    main(["estimate", str(tmp_path / "pose.png"), "--system", system.name, "--json", "-"])
+    (found,) = json.loads(capsys.readouterr().out)["estimates"]
+    # As above: its card states some 0.005 N RMSE over many exosuits; of a net force, a few times that.
+    assert found["F_net_N"] == pytest.approx(forces[-1].sum(), abs=0.03)
+    assert found["ood_score"] < 1
 
 
 def test_the_command_tells_what_the_estimator_reads(
@@ -112,5 +132,5 @@ def test_no_picture_at_all_is_refused(capsys: pytest.CaptureFixture[str]) -> Non
     assert "estimate" in capsys.readouterr().err
 
 
-def test_the_model_and_its_weights_are_small() -> None:
-    assert DEFAULT_MODEL.stat().st_size < 5e6
+def test_the_models_and_their_weights_are_small() -> None:
+    assert all(path.stat().st_size < 5e6 for path in SHIPPED_MODELS.values())

@@ -17,7 +17,7 @@ from exosight.dataset import (
     write_chunk,
 )
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.designs import design_set
+from exosight.dataset.designs import design_set, draw_designs, resolved
 from exosight.dataset.generation import generate
 from exosight.dataset.simulation import simulate_designs
 from exosight.dataset.variation import frame_numbers, variation_columns
@@ -184,3 +184,16 @@ def test_damaged_numbers_are_refused(tmp_path: Path, folder: Path) -> None:
 
 def test_frames_dropped_are_counted_as_ever(folder: Path, frames: Frames) -> None:
     assert len(frames) + sum(read_manifest(folder).dropped.values()) == 55
+
+
+@pytest.mark.parametrize(("asked", "low", "high"), [(None, 0.0, 0.6), ((0.1, 0.2), 0.4, 0.5)])
+def test_exosuits_with_friction_differ_in_its_coefficient_by_default(
+    asked: tuple[float, float] | None, low: float, high: float
+) -> None:
+    config, _ = resolved(GenerateConfig(system="index-friction", plant=PlantVariation(friction=asked)))
+    designs = design_set(config, None)
+    assert isinstance(designs, PublishedDesigns)
+    found = [designs.exosuit(design).friction for design in draw_designs(config, designs)]
+    assert low <= min(found) < low + 0.1 * (high - low)
+    assert high - 0.1 * (high - low) < max(found) <= high
+    assert resolved(GenerateConfig())[0].plant == PlantVariation()

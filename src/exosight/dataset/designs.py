@@ -10,6 +10,7 @@ from exosight.dataset.manifest import Manifest
 from exosight.errors import DataError, InputError
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.catalogue import PRESETS, find_system
+from exosight.exosuit.index import FRICTION_DRAWN, NAME_WITH_FRICTION
 from exosight.exosuit.published import PublishedDesigns
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet, FileDesigns
@@ -30,7 +31,10 @@ def resolved(config: GenerateConfig) -> tuple[GenerateConfig, Values | None]:
     found = find_system(config.system)
     description = found.values if isinstance(found, FileDesigns) else None
     name = config.system if description is None else Path(config.system).name
-    config = replace(config, system=name)
+    plant = config.plant
+    if name == NAME_WITH_FRICTION and plant.friction is None:
+        plant = replace(plant, friction=FRICTION_DRAWN)
+    config = replace(config, system=name, plant=plant)
     design_set(config, description)
     return config, description
 

@@ -18,6 +18,8 @@ from exosight.system.system import Contact, System
 NAME = "index"
 NAME_WITH_FRICTION = "index-friction"
 POISSON = 0.5
+FRICTION_DRAWN = -0.3, 0.3
+"""Between which limits datasets of `index-friction` change the coefficient, unless they say otherwise: 0…0.6."""
 
 
 def index(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINAL_CAMERA) -> System:

@@ -11,6 +11,7 @@ _EXOSUIT = (
     Slider("young", "Young's modulus", "kPa", 100.0, 1000.0, 10.0, 300.0),
     Slider("gap", "Gap at the base", "mm", 0.0, 10.0, 0.1, 0.0),
 )
+_FRICTION = Slider("friction", "Coefficient of friction", "", 0.0, 1.0, 0.01, 0.3)
 _FINGER = (
     Slider("finger_length", "Length of the links, factor", "", 0.8, 1.25, 0.01, 1.0),
     Slider("finger_radius", "Radius, factor", "", 0.8, 1.25, 0.01, 1.0),
@@ -45,10 +46,11 @@ def published_controls(preset: Preset = published) -> DesignControls:
     families = tuple(
         Option(name, label, _sliders(name, words)) for name, (label, *words) in _FAMILIES.items()
     )
-    groups = (Group("Exosuit", _EXOSUIT, Choice("family", "Family", families)), Group("Finger", _FINGER))
-    return DesignControls(
-        preset(Exosuit(), NOMINAL_CAMERA).schema, groups, lambda values: preset(_worn(values), NOMINAL_CAMERA)
-    )
+    nominal = preset(Exosuit(), NOMINAL_CAMERA)
+    rubs = any(contact.friction is not None for contact in nominal.contacts)
+    sliders = (*_EXOSUIT, *(_FRICTION,) * rubs)
+    groups = (Group("Exosuit", sliders, Choice("family", "Family", families)), Group("Finger", _FINGER))
+    return DesignControls(nominal.schema, groups, lambda values: preset(_worn(values), NOMINAL_CAMERA))
 
 
 def _keys(family: str) -> dict[str, tuple[str, Range]]:
@@ -84,5 +86,10 @@ def _worn(values: Values) -> Exosuit:
         finger_radius=values["finger_radius"],
         joint_stiffness=(stiffer, stiffer, stiffer),
     )
-    exosuit = Exosuit(shape_from_dict(shape), young=1e3 * values["young"], gap=values["gap"] / 1e3)
+    exosuit = Exosuit(
+        shape_from_dict(shape),
+        young=1e3 * values["young"],
+        gap=values["gap"] / 1e3,
+        friction=values.get("friction", _FRICTION.start),
+    )
     return varied(exosuit, finger)
