@@ -11,6 +11,7 @@ from jaxtyping import Float
 from exosight.control.plant import Observation
 from exosight.errors import ConvergenceError
 from exosight.mechanics import Robot, State, advance, stack
+from exosight.mechanics.term import Memories
 from exosight.system.observation import observe
 from exosight.system.schema import Schema
 from exosight.system.system import System, stack_systems
@@ -49,7 +50,8 @@ class SimulatedPlant:
         Raises ConvergenceError if the unloaded system has no stable pose.
         """
         nothing = (0.0,) * len(self.schema.channels)
-        rest, converged = self._walk(_Point(nothing, (0.0,) * self._dofs, 1.0), nothing)
+        unstrained = _Point(nothing, (0.0,) * self._dofs, 1.0, _plain(self.system.robot.memories))
+        rest, converged = self._walk(unstrained, nothing)
         if not converged:
             raise ConvergenceError(
                 f"the unloaded system {self.schema.system} has no stable pose; check its bodies and contacts"
@@ -119,5 +121,10 @@ def _walk(system: System, stacked: Robot, start: _Point, commands: tuple[float, 
     converged = bool(found.converged[0])
     reached = commands if converged else tuple(system.commands(np.asarray(state.loads)[0]).tolist())
     q = tuple(np.asarray(state.q)[0].tolist())
-    history = tuple(tuple(map(tuple, memory[0].tolist())) for memory in state.history)
+    history = _plain(tuple(memory[0] for memory in state.history))
     return _Point(reached, q, float(found.min_eigenvalue[0]), history), converged
+
+
+def _plain(memories: Memories) -> tuple:
+    """Memories as numbers in tuples, which are hashable."""
+    return tuple(tuple(map(tuple, np.asarray(memory).tolist())) for memory in memories)

@@ -25,6 +25,10 @@ from exosight.vision.augment import augment
 from exosight.vision.scene import cover, picture
 
 
+_TOGETHER = 16
+"""Systems observed in one call."""
+
+
 def causes(designs: DesignSet) -> tuple[str, ...]:
     """Why frames are dropped; a frame counts under the first cause that holds."""
     return ("not_converged", "crosses_itself", *designs.filters)
@@ -47,7 +51,7 @@ def simulate_designs(
     systems = [designs.build(design) for design in chosen]
     paths = [load_path(designs.schema, config.frames, config.seed, design.number) for design in chosen]
     found = _solve(systems, paths, done, kept)
-    seen: Observation = jax.tree.map(np.asarray, observe(stack_systems(systems), found.q, found.history))
+    seen = _observed(systems, found)
     cause = first_cause(designs, systems[0], np.asarray(found.converged), seen)
     names = causes(designs)
     parts = []
@@ -137,6 +141,17 @@ def first_cause(
     own = [np.asarray(leaves_out(seen)) for leaves_out in designs.filters.values()]
     faults = (~converged, crosses, *own, np.ones_like(converged))
     return np.argmax(np.stack(faults), axis=0).astype(np.int8)
+
+
+def _observed(systems: Sequence[System], found: Equilibria) -> Observation:
+    """What is seen of the systems, some at a time: chunks of any size share what is compiled."""
+    parts = []
+    for start in range(0, len(systems), _TOGETHER):
+        rows = np.minimum(np.arange(start, start + _TOGETHER), len(systems) - 1)
+        some = stack_systems([systems[row] for row in rows])
+        seen = observe(some, found.q[rows], tuple(memory[rows] for memory in found.history))
+        parts.append(jax.tree.map(lambda leaf, left=len(systems) - start: np.asarray(leaf)[:left], seen))
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
 
 def _solve(
