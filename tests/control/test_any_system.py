@@ -92,18 +92,18 @@ def test_the_sum_of_two_zones_settles_on_its_target_and_is_released(
 
 def test_the_papers_law_settles_on_a_single_zone(thumb: System) -> None:
     plant, channel = SimulatedPlant(thumb), thumb.schema.channels[0]
-    record = run(plant, Proportional(3.0, channel), true_reading("P3"), hold(0.2, 40), "P3")
-    assert abs(record.true[-1] - 0.2) <= BAND * 0.2
+    record = run(plant, Proportional(3.0, channel), true_reading("P3"), hold(0.15, 40), "P3")
+    assert abs(record.true[-1] - 0.15) <= BAND * 0.15
     assert record.controlled.name == "P3"
 
 
 def test_the_path_ends_where_the_controlled_sensor_reads_most(
     thumb: System, config: ControllerConfig
 ) -> None:
-    """Further up the sleeve slides off the third zone, which reads 0 where the second meets its limit."""
+    """Further up the sleeve leaves the third zone, which reads less where the second meets its limit."""
     known = tune(thumb, "P3")
     readings = known.loading.controlled
-    assert readings[-1] == readings.max() > 40 * RELEASED
+    assert readings[-1] == readings.max() > 30 * RELEASED
     assert known.u_max < config.u_max
     assert known.default_target == pytest.approx(0.5 * readings[-1], rel=0.05)  # two digits
     target = known.default_target
