@@ -21,6 +21,7 @@ from exosight.errors import InputError
 from exosight.mechanics.integration_state import IntegrationState, Interval, begin
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.step_control import StepLimits
+from exosight.mechanics.term import Memories
 from exosight.mechanics.timestep import TABLEAU, integrate
 
 
@@ -54,11 +55,12 @@ class Trajectories(eqx.Module):
     q, velocity  (times, dofs)   coordinates, and their rates [1/s]
     kinetic      (times,)        kinetic energy [J]
     potential    (times,)        potential energy Π at that time's loads [J]
-    dissipated   (times,)        what viscosity took since the first time [J]
+    dissipated   (times,)        what viscosity, contacts' damping and friction took since the first time [J]
     supplied     (times,)        what changing loads gave since then, ∫ ∂Π/∂u · du [J]
     steps        (times,)        steps taken since then
     rejected     (times,)        steps tried and taken back since then
     converged    (times,)        this time was reached; if not, the other fields are from where it gave up
+    history      (times, ...)    what each term with a memory remembers then, see `TermWithMemory`
 
     kinetic + potential + dissipated − supplied is constant, but for the error of the steps and what forces
     without a potential do.
@@ -74,6 +76,7 @@ class Trajectories(eqx.Module):
     steps: Int[AnyArray, "*batch times"]
     rejected: Int[AnyArray, "*batch times"]
     converged: Bool[AnyArray, "*batch times"]
+    history: Memories = ()
 
 
 def evolve(
@@ -95,6 +98,8 @@ def evolve(
     velocity   (robots, dofs)      and how fast [1/s]; at rest by default
     done       called with the number of robots finished, as they finish
     returns    Trajectories with batch shape (robots,)
+
+    Terms with a memory begin with that of their robot (`Robot.with_memories`).
 
     A robot whose motion cannot be continued says so in `converged` and stays where it is. Compiled once a
     structure and number of lanes. Raises InputError for what does not fit, and for a robot that has a
@@ -139,6 +144,7 @@ def evolve(
         steps=state.steps,
         rejected=state.rejected,
         converged=~state.failed,
+        history=state.memories,
     )
 
 
@@ -155,7 +161,10 @@ def _integrated(
     They end early where one of them fails to start, or once `stopped` is set.
     """
     leaves = [np.stack(parts) for parts in zip(*(_leaves(robot) for robot in robots), strict=True)]
-    states = [begin(times[0], q, v, loads.shape[1], TABLEAU.stages) for q, v in zip(*starts, strict=True)]
+    states = [
+        begin(times[0], q, v, robot.memories, loads.shape[1], TABLEAU.stages)
+        for robot, q, v in zip(robots, *starts, strict=True)
+    ]
     state = jax.tree.map(lambda *parts: np.stack(parts), *states)
     limits = StepLimits(
         tolerance=np.array(options.tolerance),
@@ -189,8 +198,6 @@ def _checked(
         raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
     if not robots[0].dofs:
         raise InputError("robots: expected some that can move, got no coordinates")
-    if robots[0].memories:
-        raise InputError("robots: friction acts in quasi-static paths only; leave it out of a motion")
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or len(times) < 2 or not np.all(np.isfinite(times)) or np.any(np.diff(times) <= 0):
         raise InputError("times: expected at least two finite, ascending times [s]")

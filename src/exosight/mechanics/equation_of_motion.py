@@ -2,12 +2,12 @@
 
 In the coordinates q, with v = dq/dt and a = dv/dt,
 
-    r(q, v, a) = Σ_i J_iᵀ W_i + D v + ∇Π(q, u) = 0,      W_i = I_i ṫ_i − ad(t_i)ᵀ I_i t_i,
+    r(q, v, a) = Σ_i J_iᵀ W_i + D v + R(q, v) + ∇Π(q, u) = 0,      W_i = I_i ṫ_i − ad(t_i)ᵀ I_i t_i,
     t_i = J_i v,      ṫ_i = J_i a + J̇_i v,
 
 t_i being the spatial twist of frame i, I_i the spatial inertia of what it carries, W_i the inertial wrench,
-D the viscosity and Π the potential energy. The inertial wrenches enter as those of any energy do: pulled back
-through the tree with their stiffnesses.
+D the viscosity, R the terms' resistance and Π the potential energy. The inertial wrenches enter as those of
+any energy do: pulled back through the tree with their stiffnesses.
 
 Source: R. Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 2 (spatial inertia, equation of motion).
 """
@@ -24,6 +24,7 @@ from exosight.mechanics.energy import Evaluation, damping, potential
 from exosight.mechanics.kinematics import Motion, pull_back
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
+from exosight.mechanics.term import Resistance
 from exosight.mechanics.tree import Tree
 
 
@@ -34,6 +35,7 @@ class Linearization(NamedTuple):
     matrix       (dofs, dofs)    ∂r/∂q + ∂r/∂v / η + ∂r/∂a / η² for a given time η: the change of r with q
                                  where v and a follow as δv = δq/η, δa = δv/η
     potential                    Π, its gradient, Hessian and load derivatives
+    resistance                   D v + R
     motion                       poses and Jacobians of the frames
     jacobian     (frames, 6, dofs)
     inertia      (frames, 6, 6)  spatial inertia of the frames
@@ -43,6 +45,7 @@ class Linearization(NamedTuple):
     residual: Float[Array, " dofs"]
     matrix: Float[Array, "dofs dofs"]
     potential: Evaluation
+    resistance: Resistance
     motion: Motion
     jacobian: Float[Array, "frames 6 dofs"]
     inertia: Float[Array, "frames 6 6"]
@@ -69,7 +72,7 @@ def equation_of_motion(robot: Robot) -> Callable[..., Linearization]:
     inertia in it by (|t| η)².
     """
     evaluate, inertia_at, viscosity = potential(robot), spatial_inertia(robot), damping(robot)
-    mass = sum(jnp.sum(b.mass() if isinstance(b, Rod) else b.mass) for b in robot.bodies)
+    whole_mass = sum(jnp.sum(b.mass() if isinstance(b, Rod) else b.mass) for b in robot.bodies)
 
     def linearize(
         q: Float[Array, " dofs"],
@@ -87,7 +90,10 @@ def equation_of_motion(robot: Robot) -> Callable[..., Linearization]:
         momentum, force = _times(inertia, twist), _times(inertia, twist_rate)
         wrench = force - _times(lie.coad(momentum), twist)
         inertial, tangent = pull_back(robot, motion, wrench, inertia / eta**2)
-        residual = inertial + viscosity @ v + here.gradient
+        parts = [Resistance(viscosity @ v, viscosity, jnp.zeros_like(viscosity))]
+        parts += [part for term in robot.terms if (part := term.resistance(robot, motion, v)) is not None]
+        resistance = jax.tree.map(lambda *parts: sum(parts[1:], start=parts[0]), *parts)
+        residual = inertial + resistance.force + here.gradient
 
         # ∂W/∂v: by t, and by J̇ v, which is quadratic in v.
         turned = jnp.swapaxes(lie.ad(twist), 1, 2) @ inertia
@@ -98,8 +104,9 @@ def equation_of_motion(robot: Robot) -> Callable[..., Linearization]:
         # ∂W/∂q: the inertia turns with its frame.
         by_position = -lie.coad(force) @ jacobian
         coupling = jnp.einsum("fkp,fkq->pq", jacobian, by_velocity / eta + by_position)
-        matrix = tangent + here.hessian + viscosity / eta + coupling
-        return Linearization(residual, matrix, here, motion, jacobian, inertia, jnp.asarray(mass))
+        matrix = tangent + here.jacobian + resistance.by_velocity / eta + resistance.by_position + coupling
+        mass = jnp.asarray(whole_mass)
+        return Linearization(residual, matrix, here, resistance, motion, jacobian, inertia, mass)
 
     return linearize
 

@@ -157,6 +157,20 @@ class Friction(TermWithMemory):
             dissipated=held.dissipated + 0.5 * (held.bound + bound) * slid + lost,
         ).array()
 
+    def dissipated(self) -> Float[Array, ""]:
+        """Of all points."""
+        return jnp.sum(jnp.asarray(Held.of(self.memory).dissipated))
+
+    def turned_back(self, tree: Tree, motion: Motion, v: Float[Array, " dofs"]) -> Float[Array, ""]:
+        """Points that slip one way in the whole step, and at its end the other way."""
+        now, twist = self.contact.pressing(tree, motion), motion.twist(v)
+        slip, own = self.slip(tree, motion, now.force), twist[self.contact.point_frames(tree)]
+        relative = own - self._partner(tree, twist, Held.of(self.memory).partner, jnp.zeros(6))
+        moved = relative[:, 3:] + jnp.cross(relative[:, :3], slip.place)
+        stretching = self.coefficient * (now.rate @ v) / self.stiffness(tree)
+        back = stretching - jnp.sum(moved * slip.stretch, axis=1) / slip.length
+        return jnp.max(jnp.where((slip.held < 1) & (now.force > 0), back, 0.0), initial=0.0)
+
     def bind(self, tree: Tree) -> Bound:
         """As in contact with solids, the energy of a step depends on each point's motion against its partner.
 

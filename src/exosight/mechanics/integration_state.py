@@ -8,10 +8,11 @@ from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.stage_solve import NewtonState, begin_newton
+from exosight.mechanics.term import Memories
 
 
 class Energies(NamedTuple):
-    """Kinetic and potential energy; what viscosity took and changing loads gave from the start on [J]."""
+    """Kinetic and potential energy; what resistance took and changing loads gave from the start on [J]."""
 
     kinetic: Float[AnyArray, ""]
     potential: Float[AnyArray, ""]
@@ -29,7 +30,9 @@ class IntegrationState(NamedTuple):
     stage, newton      the stage being solved (0: the acceleration at the start), and how far it is
     slopes             (stages, 2, dofs) f(Y) = (v, a) of the stages so far
     forces             (stages, channels) ∂Π/∂u at them
+    dissipation        (stages,) power of resistance at them [W]
     steps, rejected    accepted and rejected steps
+    memories           what the terms remember of the accepted point, see `TermWithMemory`
     failed             given up; the robot stays at the accepted point
     """
 
@@ -44,8 +47,10 @@ class IntegrationState(NamedTuple):
     newton: NewtonState
     slopes: Float[AnyArray, "stages 2 dofs"]
     forces: Float[AnyArray, "stages channels"]
+    dissipation: Float[AnyArray, " stages"]
     steps: Int[AnyArray, ""]
     rejected: Int[AnyArray, ""]
+    memories: Memories
     failed: Bool[AnyArray, ""]
 
 
@@ -73,7 +78,12 @@ class Interval(NamedTuple):
 
 
 def begin(
-    time: float, q: Float[np.ndarray, " dofs"], v: Float[np.ndarray, " dofs"], channels: int, stages: int
+    time: float,
+    q: Float[np.ndarray, " dofs"],
+    v: Float[np.ndarray, " dofs"],
+    memories: Memories,
+    channels: int,
+    stages: int,
 ) -> IntegrationState:
     """The state before the start of a motion, for so many load channels and stages; in NumPy."""
     none, zero = np.zeros(()), np.zeros((), int)
@@ -89,7 +99,9 @@ def begin(
         newton=begin_newton(0 * q),
         slopes=np.zeros((stages, 2, len(q))),
         forces=np.zeros((stages, channels)),
+        dissipation=np.zeros(stages),
         steps=zero,
         rejected=zero,
+        memories=tuple(np.asarray(memory, float) for memory in memories),
         failed=zero > 0,
     )

@@ -2,6 +2,9 @@
 
 from dataclasses import replace
 
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
 from exosight.errors import InputError
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.term import Memories, Term, TermWithMemory
@@ -37,7 +40,7 @@ class Robot(Tree):
     @property
     def memories(self) -> Memories:
         """What its terms remember, one array for each that does."""
-        return tuple(term.memory for term in self.terms if isinstance(term, TermWithMemory))
+        return tuple(term.memory for term in self._with_memory)
 
     def with_memories(self, memories: Memories) -> "Robot":
         """The same robot with other memories; InputError unless there is one for each term that remembers."""
@@ -55,4 +58,17 @@ class Robot(Tree):
 
     def remember(self, motion: Motion) -> Memories:
         """What its terms know from now on, when a step has ended at this pose."""
-        return tuple(term.remember(self, motion) for term in self.terms if isinstance(term, TermWithMemory))
+        return tuple(term.remember(self, motion) for term in self._with_memory)
+
+    def dissipated(self) -> Float[Array, ""]:
+        """What its terms with a memory have lost so far [J]."""
+        return sum((term.dissipated() for term in self._with_memory), start=jnp.zeros(()))
+
+    def turned_back(self, motion: Motion, v: Float[Array, " dofs"]) -> Float[Array, ""] | None:
+        """See `TermWithMemory.turned_back`: the largest of its terms; None without any."""
+        speeds = [term.turned_back(self, motion, v) for term in self._with_memory]
+        return jnp.max(jnp.stack(speeds)) if speeds else None
+
+    @property
+    def _with_memory(self) -> list[TermWithMemory]:
+        return [term for term in self.terms if isinstance(term, TermWithMemory)]

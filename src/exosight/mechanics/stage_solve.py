@@ -57,6 +57,7 @@ class NewtonStep(NamedTuple):
 
     q, v, a        (dofs,)   the stage's values after it
     potential                energy Π there [J], to first order in the step
+    dissipation              power of viscosity and other resistance there [W], likewise
     update, contraction      see NewtonState
     converged                the stage is solved
     diverged                 it cannot be with this step of time
@@ -66,6 +67,7 @@ class NewtonStep(NamedTuple):
     v: Float[Array, " dofs"]
     a: Float[Array, " dofs"]
     potential: Float[Array, ""]
+    dissipation: Float[Array, ""]
     update: Float[Array, ""]
     contraction: Float[Array, ""]
     converged: Bool[Array, ""]
@@ -122,11 +124,14 @@ def newton_step(
     exhausted = (contraction > 2) | (state.iterations + 1 >= MAX_ITERATIONS)
     diverged = massless | ~jnp.isfinite(update) | (~converged & exhausted)
     moved = jnp.where(explicit, 0.0, change)
+    faster = jnp.where(explicit, 0.0, change / eta)
+    resistance = here.resistance.force + here.resistance.by_velocity @ faster
     return NewtonStep(
         q=q + moved,
-        v=v + jnp.where(explicit, 0.0, change / eta),
+        v=v + faster,
         a=state.a + change / eta**2,
         potential=here.potential.energy + here.potential.gradient @ moved,
+        dissipation=(v + faster) @ (resistance + here.resistance.by_position @ moved),
         update=update,
         contraction=contraction,
         converged=converged & ~diverged,

@@ -63,6 +63,19 @@ class Expansion(NamedTuple):
     coupling: Float[Array, "dofs dofs"] | None = None
 
 
+class Resistance(NamedTuple):
+    """A dissipative force at one pose and velocity v, which stands beside ∇Π in the equation of motion.
+
+    force         (dofs,)        generalized; v · force ≥ 0 is the power that it takes [W]
+    by_velocity   (dofs, dofs)   its derivative
+    by_position   (dofs, dofs)   what Newton's method needs of that one
+    """
+
+    force: Float[Array, " dofs"]
+    by_velocity: Float[Array, "dofs dofs"]
+    by_position: Float[Array, "dofs dofs"]
+
+
 Memories = tuple[Float[AnyArray, "..."], ...]
 """What the terms of a robot remember, one array for each that does (`TermWithMemory`)."""
 
@@ -133,6 +146,10 @@ class Term(eqx.Module):
         """The largest fraction of `step` from `motion` within which the expansion is valid."""
         return jnp.array(jnp.inf)
 
+    def resistance(self, tree: Tree, motion: Motion, v: Float[Array, " dofs"]) -> Resistance | None:
+        """What it adds to the viscosity at a velocity [1/s]; quasi-static paths do not ask for it."""
+        return None
+
 
 class TermWithMemory(Term):
     """A term that remembers what happened before, such as where a contact began to slip.
@@ -148,6 +165,17 @@ class TermWithMemory(Term):
     def remember(self, tree: Tree, motion: Motion) -> Float[Array, "..."]:
         """What it knows from now on, when a step has ended at this pose."""
         raise NotImplementedError(f"{type(self).__name__} does not say what it remembers")
+
+    def dissipated(self) -> Float[Array, ""]:
+        """What it has lost so far [J], as its memory says."""
+        return jnp.zeros(())
+
+    def turned_back(self, tree: Tree, motion: Motion, v: Float[Array, " dofs"]) -> Float[Array, ""]:
+        """The largest speed [m/s] of a point at the end of a step against the way that the step assumed.
+
+        A motion takes steps so short that half of the way at this speed is within the tolerance.
+        """
+        return jnp.zeros(())
 
 
 def zero(tree: Tree, loads: Float[Array, " loads"]) -> Expansion:

@@ -18,7 +18,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from exosight.arrays import AnyArray
-from exosight.mechanics.energy import damping
 from exosight.mechanics.equation_of_motion import Linearization, equation_of_motion
 from exosight.mechanics.integration_state import IntegrationState, Interval
 from exosight.mechanics.robot import Robot
@@ -53,7 +52,7 @@ def integrate(
     limits: StepLimits,
 ) -> IntegrationState:
     """The state at a time of the interval, or where the robot gave up."""
-    stepper = TimeStepper(robot, interval, limits, equation_of_motion(robot), damping(robot))
+    stepper = TimeStepper(robot, interval, limits, equation_of_motion(robot))
     most = state.steps + state.rejected + limits.max_steps
 
     def unfinished(state: IntegrationState) -> Array:
@@ -70,13 +69,14 @@ def integrate(
 
 @dataclass(frozen=True)
 class TimeStepper:
-    """What is constant over an interval: the equation of motion with its viscosity D, loads and limits."""
+    """What is constant over an interval: the robot but for its memories, its equation of motion if it has
+    none, loads and limits.
+    """
 
     robot: Robot
     interval: Interval
     limits: StepLimits
     linearize: Callable[..., Linearization]
-    viscosity: Float[Array, "dofs dofs"]
 
     def advance(self, state: IntegrationState) -> IntegrationState:
         """One Newton step; where it ends a stage or a step, the next one is begun."""
@@ -84,12 +84,19 @@ class TimeStepper:
         y = jnp.stack([jnp.asarray(state.q), jnp.asarray(state.v)])
         stage = stage_of(TABLEAU, state.stage, state.step, y, state.slopes)
         q, v, eta = newton_point(stage, state.newton.a)
-        here = self.linearize(q, v, jnp.asarray(state.newton.a), self.interval.load_at(time), eta)
+        robot, linearize = self.robot, self.linearize
+        if state.memories:
+            robot = robot.with_memories(state.memories)
+            linearize = equation_of_motion(robot)
+        here = linearize(q, v, jnp.asarray(state.newton.a), self.interval.load_at(time), eta)
         found = newton_step(stage, here, state.newton, self.limits.tolerance)
 
         state = state._replace(newton=next_newton(state.newton, found))
         solved = _with_stage(state, found, here)
         error = step_error(TABLEAU, solved.slopes, state.step, here.displacement)
+        turned = robot.turned_back(here.motion, found.v)
+        if turned is not None:
+            error = jnp.maximum(error, 0.5 * state.step * turned)
         good, proposed = after_step(self.limits, state.step, error, TABLEAU.order)
         explicit, last = state.stage == 0, state.stage == TABLEAU.stages - 1
         shorter = after_divergence(self.limits, state.step)
@@ -104,6 +111,7 @@ class TimeStepper:
 
     def started(self, state: IntegrationState, found: NewtonStep, here: Linearization) -> IntegrationState:
         """The acceleration at the start is known: the first step begins."""
+        state = self.remembering(state, here)
         first = first_step(self.limits, here.displacement(found.a))
         proposed = jnp.where(jnp.isinf(state.proposed), first, state.proposed)
         return self.with_step(self.with_energies(state, found, here)._replace(proposed=proposed))
@@ -116,13 +124,13 @@ class TimeStepper:
         proposed: Float[Array, ""],
     ) -> IntegrationState:
         """The step's last stage is the new point, and the first stage of the next step."""
-        weights, v = TABLEAU.weights, state.slopes[:, 0]
-        dissipated = jnp.sum(weights * jnp.einsum("sp,pq,sq->s", v, self.viscosity, v))
+        weights = TABLEAU.weights
+        dissipated = weights @ state.dissipation
         supplied = weights @ (state.forces @ self.interval.load_rate)
         time, end = state.time + state.step, self.interval.end
-        # Where rotations are rewritten, the acceleration is found anew, by the explicit stage.
+        # Where rotations or memories are rewritten, the acceleration is found anew, by the explicit stage.
         q, v, rewritten = wrap_rotations(self.robot, found.q, found.v)
-        state = self.with_energies(state, found, here)
+        state = self.remembering(self.with_energies(state, found, here), here)
         return self.with_step(
             state._replace(
                 time=jnp.where(end - time < ROUND_OFF * self.interval.span, end, time),
@@ -133,9 +141,10 @@ class TimeStepper:
                     supplied=state.energies.supplied + state.step * supplied,
                 ),
                 proposed=proposed,
-                stage=jnp.where(rewritten, 0, 1),
+                stage=jnp.where(rewritten | bool(state.memories), 0, 1),
                 slopes=jnp.asarray(state.slopes).at[0].set(state.slopes[-1]),
                 forces=jnp.asarray(state.forces).at[0].set(state.forces[-1]),
+                dissipation=jnp.asarray(state.dissipation).at[0].set(state.dissipation[-1]),
                 steps=state.steps + 1,
             )
         )
@@ -152,6 +161,13 @@ class TimeStepper:
                 failed=state.failed | hopeless,
             )
         )
+
+    def remembering(self, state: IntegrationState, here: Linearization) -> IntegrationState:
+        """What terms remember of a point that is just reached, and what they have lost on the way there."""
+        before = self.robot.with_memories(state.memories)
+        after = self.robot.with_memories(before.remember(here.motion))
+        lost = state.energies.dissipated + after.dissipated() - before.dissipated()
+        return state._replace(memories=after.memories, energies=state.energies._replace(dissipated=lost))
 
     def with_energies(
         self, state: IntegrationState, found: NewtonStep, here: Linearization
@@ -175,6 +191,7 @@ def _with_stage(state: IntegrationState, found: NewtonStep, here: Linearization)
     return state._replace(
         slopes=jnp.where(own[:, None, None], jnp.stack([found.v, found.a]), state.slopes),
         forces=jnp.where(own[:, None], here.potential.load_energy, state.forces),
+        dissipation=jnp.where(own, found.dissipation, state.dissipation),
         stage=state.stage + 1,
     )
 
