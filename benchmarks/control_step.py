@@ -5,7 +5,6 @@ network sees; nothing waits, so a step takes what its stages take. Judged are th
 where it rests, there is nothing to solve.
 """
 
-import os
 from collections.abc import Callable
 from time import perf_counter
 from typing import Any
@@ -52,7 +51,6 @@ def run(now: Callable[[], float] = perf_counter) -> dict[str, Any]:
         "name": "control step",
         "cpu": cpu_name(),
         "cores": cores(),
-        "load before": round(os.getloadavg()[0], 2),
         "steps": len(seconds),
     }
     for timing in timings(seconds):

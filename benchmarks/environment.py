@@ -1,6 +1,5 @@
 """Steps a second of the Gymnasium environment, all grips together: `python -m benchmarks.environment`."""
 
-import os
 import time
 from typing import Any
 
@@ -19,7 +18,6 @@ def run() -> dict[str, Any]:
         "name": "environment",
         "cpu": cpu_name(),
         "cores": cores(),
-        "load before": round(os.getloadavg()[0], 2),
         "grips": GRIPS,
     }
     for observation in ("state", "mixed"):

@@ -16,9 +16,9 @@ import numpy as np
 from exosight.exosuit import assembly
 from exosight.exosuit.index import index
 from exosight.exosuit.scenarios import SampledShape, sample_shapes
-from exosight.mechanics import Equilibria, Gauss, drive
+from exosight.mechanics import Equilibria, Gauss, Snap, locate_snaps
 from exosight.system.observation import observe
-from exosight.system.system import stack_systems
+from exosight.system.system import System, stack_systems
 
 RESULT = Path(__file__).parent.parent / "docs" / "results" / "surfaces.json"
 
@@ -31,37 +31,52 @@ LEAST = 0.02
 
 
 class Driven(NamedTuple):
-    """Exosuits along the path: equilibria, F_net (shapes, loads), zones C1 … (shapes, loads, zones) [N]."""
+    """Exosuits along the path, with F_net (shapes, loads) and zones C1 … (shapes, loads, zones) [N]."""
 
     found: Equilibria
+    snaps: list[list[Snap]]
     net: np.ndarray
     zones: np.ndarray
 
 
-def driven(samples: list[SampledShape], points: int) -> Driven:
+def driven(systems: list[System]) -> Driven:
+    """Every system along the path."""
+    found, snaps = locate_snaps([system.robot for system in systems], LOADS)
+    readings = np.asarray(observe(stack_systems(systems), found.q, found.history).readings)
+    names = [sensor.name for sensor in systems[0].schema.sensors]
+    zones = [i for i, name in enumerate(names) if name in systems[0].schema.outputs]
+    return Driven(found, snaps, readings[..., names.index("F_net")], readings[..., zones])
+
+
+def with_points(samples: list[SampledShape], points: int) -> Driven:
     """Every exosuit with so many points an element."""
     before, assembly.QUADRATURE = assembly.QUADRATURE, Gauss(5, points)
     systems = [index(sample.shape) for sample in samples]
     assembly.QUADRATURE = before
-    found = drive([system.robot for system in systems], LOADS)
-    readings = np.asarray(observe(stack_systems(systems), found.q).readings)
-    names = [sensor.name for sensor in systems[0].schema.sensors]
-    zones = [i for i, name in enumerate(names) if name in systems[0].schema.outputs]
-    return Driven(found, readings[..., names.index("F_net")], readings[..., zones])
+    return driven(systems)
+
+
+def there_and_back(of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values (shapes, loads, …) on the way up, and on the way down at the same loads."""
+    there = len(LOADS) // 2 + 1
+    return of[:, :there], of[:, : there - 2 : -1]
+
+
+def share_apart(run: Driven) -> float:
+    """Share of loads at which F_net differs between up and down."""
+    up, down = there_and_back(run.net)
+    return round(float((np.abs(up - down) > DIFFERENT).mean()), 4)
 
 
 def reversal(run: Driven) -> dict:
     """Ways up and down at equal loads."""
-    there = len(LOADS) // 2 + 1
-    up, down = run.net[:, :there], run.net[:, : there - 2 : -1]
-    q, back = run.found.q[:, :there], run.found.q[:, : there - 2 : -1]
-    energy, returned = run.found.energy[:, :there], run.found.energy[:, : there - 2 : -1]
+    (q, back), (energy, returned) = there_and_back(run.found.q), there_and_back(run.found.energy)
     same = np.abs(q - back).max(axis=-1) < 1e-6 * np.abs(q).max(axis=(1, 2))[:, None]
     stored = np.abs(energy - returned) / np.abs(energy).max(axis=1, keepdims=True)
     return {
         "states that did not converge": int((~run.found.converged).sum()),
         "snaps a path": round(float(run.found.snapped.sum(axis=1).mean()), 2),
-        "share of loads with F_net over 5 mN apart": round(float((np.abs(up - down) > DIFFERENT).mean()), 4),
+        "share of loads with F_net over 5 mN apart": share_apart(run),
         "share of loads at the same pose": round(float(same.mean()), 4),
         "largest difference of energy at the same pose, in the path's largest": float(stored[same].max()),
     }
@@ -91,10 +106,10 @@ def main() -> None:
     samples = sample_shapes(10, seed=0)[: given.shapes]
     result: dict = {"name": "surfaces", "shapes": len(samples), "loads": len(LOADS)}
     began = time.perf_counter()
-    coarse = driven(samples, 8)
+    coarse = with_points(samples, 8)
     result["up and down"] = reversal(coarse)
     print(json.dumps(result, indent=1), time.perf_counter() - began, flush=True)
-    result["twice the points"] = refinement(coarse, driven(samples, 16))
+    result["twice the points"] = refinement(coarse, with_points(samples, 16))
     given.out.write_text(json.dumps(result, indent=1) + "\n")
     print(json.dumps(result, indent=1), time.perf_counter() - began, flush=True)
 

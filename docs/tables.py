@@ -35,7 +35,7 @@ def bench_tables(found: dict[str, Any] | None) -> str:
     """One table per benchmark; None: no results for this version."""
     if found is None:
         return "No results for this version yet; run `make bench` on an idle machine.\n"
-    lines = [f"Load average before the run: {found['load_before']} on {found['cores']} cores.", ""]
+    lines: list[str] = []
     for name, title in TITLES.items():
         if name not in found:
             continue

@@ -12,6 +12,8 @@ command -v "$python" >/dev/null 2>&1 || fail "'$python' was not found; install P
     fail "'$python -m venv' failed; on Debian and Ubuntu run 'apt install python3-venv' first"
 .venv/bin/python -m pip --version >/dev/null 2>&1 || fail ".venv has no pip; run 'make clean' and try again"
 echo "setup: installing into .venv (PyTorch and JAX are large; this can take minutes) ..."
-.venv/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[$1]" ||
+.venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile -c constraints.txt -e ".[$1]" ||
     fail "pip could not install the pinned packages of constraints.txt; see its message above (network? disk space: 3 GiB are needed)"
+# What pip would compile one file after the other, on all cores; some packages hold templates that are no Python.
+.venv/bin/python -m compileall -qq -j 0 .venv/lib >/dev/null 2>&1
 for extra in $(echo "$1" | tr ',' ' '); do touch ".venv/ready-$extra"; done

@@ -14,7 +14,6 @@ from exosight.dataset.config import GenerateConfig
 from exosight.dataset.designs import design_set
 from exosight.dataset.frames import QUANTITIES, Frames, take
 from exosight.dataset.generation import generate
-from exosight.dataset.job import ChunkRecord, GenerationJob
 from exosight.dataset.load_paths import WAYPOINTS, load_path
 from exosight.dataset.manifest import Manifest
 from exosight.dataset.simulation import causes, crosses_itself, first_cause, simulate_designs
@@ -275,37 +274,6 @@ def test_same_seed_same_frames_whatever_designs_share_their_chunk(manifest: Mani
     same = take(frames, np.flatnonzero((frames.design >= 3) & (frames.design < 8)))
     assert len(again) + sum(dropped.values()) == 5 * CONFIG.frames
     assert_same(again, same)
-
-
-def test_processes_of_which_one_is_killed_at_work_make_the_same_files(
-    folder: Path, frames: Frames, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Two workers; the one with the first chunk is killed when its first design is done."""
-    pytest.importorskip("distributed")
-    killed = tmp_path / "killed"
-
-    def dies_once(place: Path, job: GenerationJob, number: int) -> ChunkRecord:
-        import os
-        import signal
-
-        from exosight.dataset.generation import make_chunk
-
-        def die(designs_done: int) -> None:
-            if number == 0 and not killed.exists():
-                killed.touch()
-                os.kill(os.getpid(), signal.SIGKILL)
-
-        return make_chunk(place, job, number, die)
-
-    monkeypatch.setattr(generation, "DESIGNS_PER_CHUNK", 6)
-    monkeypatch.setattr(generation, "make_chunk", dies_once)
-    generate(CONFIG, tmp_path / "data", workers=2)
-    assert killed.exists()
-    assert_same(read_frames(tmp_path / "data"), frames)  # first, as it says how far off they are
-    names = {path.name for path in folder.iterdir()}
-    assert {path.name for path in (tmp_path / "data").iterdir()} == names
-    for name in names:
-        assert (tmp_path / "data" / name).read_bytes() == (folder / name).read_bytes(), name
 
 
 @pytest.mark.parametrize("damage", [False, True])

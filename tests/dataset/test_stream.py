@@ -6,15 +6,12 @@ import signal
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from exosight.dataset import simulation
 from exosight.dataset import stream as streams
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.designs import design_set
-from exosight.dataset.frames import QUANTITIES
-from exosight.dataset.simulation import simulate_designs
 from exosight.dataset.stream import block_designs, stream
 from exosight.errors import DataError
 from exosight.system.camera import Camera
@@ -56,16 +53,6 @@ def test_numbers_count_through_the_stream() -> None:
 # The process
 
 ORDER = (CONFIG, None, 1, (), 0)
-
-
-def test_blocks_are_what_the_simulation_gives_for_their_designs() -> None:
-    with stream(CONFIG, 1, start=4) as blocks:
-        first, second = next(blocks), next(blocks)
-    for frames, number in ((first, 4), (second, 5)):
-        expected, _ = simulate_designs(CONFIG, SET, block_designs(SET, 0, 1, number, set()))
-        for name in QUANTITIES:
-            np.testing.assert_array_equal(getattr(frames, name), getattr(expected, name), err_msg=name)
-    assert not multiprocessing.active_children()
 
 
 def test_a_killed_process_is_said() -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import itertools
+import multiprocessing
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -21,10 +22,13 @@ from exosight.dataset import (
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.designs import config_of, design_set
 from exosight.dataset.export import export_dataset
+from exosight.dataset.frames import QUANTITIES
 from exosight.dataset.generation import generate
+from exosight.dataset.job import ChunkRecord, GenerationJob
 from exosight.dataset.load_paths import load_path
 from exosight.dataset.matlab import from_matlab, read_mat
-from exosight.dataset.stream import stream
+from exosight.dataset.simulation import simulate_designs
+from exosight.dataset.stream import block_designs, stream
 from exosight.errors import DataError, InputError
 from exosight.exosuit.variation import PlantVariation
 from exosight.mechanics import potential
@@ -153,17 +157,37 @@ def test_other_programs_find_names_and_units(folders: dict[str, Path], tmp_path:
     assert [np.float32(row["sensor_both_N"]) for row in rows] == frames.sensors[:, 2].tolist()
 
 
-def test_two_processes_make_the_same_files_without_the_system_file(
+def test_processes_of_which_one_is_killed_make_the_same_files_without_the_system_file(
     folders: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Begun elsewhere: the folder holds job.json alone, which is all that workers need."""
+    """Begun elsewhere: the folder holds job.json alone, which is all that workers need.
+
+    Of two workers the one with the first chunk is killed when its first design is done.
+    """
     pytest.importorskip("distributed")
+    killed = tmp_path / "killed"
+
+    def dies_once(place: Path, job: GenerationJob, number: int) -> ChunkRecord:
+        import os
+        import signal
+
+        from exosight.dataset.generation import make_chunk
+
+        def die(designs_done: int) -> None:
+            if number == 0 and not killed.exists():
+                killed.touch()
+                os.kill(os.getpid(), signal.SIGKILL)
+
+        return make_chunk(place, job, number, die)
+
+    monkeypatch.setattr(generation, "make_chunk", dies_once)
     monkeypatch.setattr(generation, "DESIGNS_PER_CHUNK", 2)
     whole, folder = folders["two_lines"], tmp_path / "data"
     folder.mkdir()
     shutil.copy(whole / "job.json", folder)
     gone = replace(CONFIGS["two_lines"], system="elsewhere/two_lines.toml")
     generate(gone, folder, resume=True, workers=2)
+    assert killed.exists()
     assert files(folder) == files(whole)
 
 
@@ -190,14 +214,21 @@ def test_another_file_of_the_same_name_is_refused(
     assert not (tmp_path / "new").exists()
 
 
-def test_fresh_designs_come_without_the_system_file(folders: dict[str, Path]) -> None:
+def test_fresh_blocks_are_what_the_simulation_gives_without_the_system_file(folders: dict[str, Path]) -> None:
     manifest = read_manifest(folders["two_lines"])
-    known = {each.parameters["rods.rod.young"] for each in manifest.designs}
-    with stream(config_of(manifest), 2, description=manifest.description, exclude=manifest.designs) as blocks:
-        frames = next(blocks)
-    assert difference(frames.schema, manifest.schema) is None
-    assert set(frames.design.tolist()) == {0, 1}
-    assert len(known) == len(manifest.designs)
+    config, designs = config_of(manifest), design_set(config_of(manifest), manifest.description)
+    excluded = {designs.key(each) for each in manifest.designs}
+    told = {"start": 4, "exclude": manifest.designs, "description": manifest.description}
+    with stream(config, 2, **told) as blocks:
+        first, second = next(blocks), next(blocks)
+    assert difference(first.schema, manifest.schema) is None
+    for frames, number in ((first, 4), (second, 5)):
+        assert set(frames.design.tolist()) == {2 * number, 2 * number + 1}
+        fresh = block_designs(designs, manifest.seed, 2, number, excluded)
+        expected, _ = simulate_designs(config, designs, fresh)
+        for name in QUANTITIES:
+            np.testing.assert_array_equal(getattr(frames, name), getattr(expected, name), err_msg=name)
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize(

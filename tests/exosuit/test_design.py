@@ -8,7 +8,7 @@ import numpy as np
 from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble_surface
 from exosight.exosuit.finger import Finger
 from exosight.exosuit.published import published, system_of
-from exosight.mechanics import Robot, SolverOptions, differentiable, drive
+from exosight.mechanics import Robot, SolverOptions, differentiable, drive, stack
 from exosight.system.observation import observe_state
 
 X = QUADRATURE.points
@@ -38,7 +38,7 @@ def test_net_force_by_radii_length_modulus_and_contact_stiffness() -> None:
     robots = [robot(design) for design in designs]
     found = drive(robots, LOADS, options=SolverOptions(tolerance=1e-13))
     q = np.asarray(found.q)[:, -1]
-    solved = np.array([net_force(*each) for each in zip(robots, q, strict=True)])
+    solved = np.asarray(jax.jit(jax.vmap(net_force))(stack(robots), q))
 
     @jax.jit
     def force(design: jax.Array) -> jax.Array:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,15 +14,22 @@ from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.index import index, index_friction
 from exosight.exosuit.published import published
 from exosight.exosuit.shapes import ExosuitShape, Linear
-from exosight.mechanics import walk
+from exosight.mechanics import Robot, walk
 from exosight.mechanics.friction import Held
 from exosight.system.observation import contact_forces, observe
 from exosight.system.schema import difference
+from exosight.system.sensors import SurfaceForces
 from exosight.system.simulation import SystemStates, simulate_path
 from exosight.system.system import System, stack_systems
 
 SHAPE = ExosuitShape(Linear(r0=0.01, r1=0.005), length=0.095)
 UP = np.linspace(0, 4, 21)
+
+
+@eqx.filter_jit
+def forces(system: System, robot: Robot, q: jax.Array) -> dict[str, SurfaceForces]:
+    """On every surface."""
+    return contact_forces(system, robot, walk(robot, q))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +61,7 @@ def test_net_force_is_that_of_another_program(path: SystemStates, system: System
 
 def test_zones_sum_to_what_the_exosuit_presses_with(path: SystemStates, system: System) -> None:
     q = jnp.asarray(path.equilibria.q[20])
-    on = contact_forces(system, system.robot, walk(system.robot, q))
+    on = forces(system, system.robot, q)
     pressed = np.asarray(on["finger"].force)
     np.testing.assert_allclose(path.observation.forces[20].sum(axis=0), pressed.sum(axis=0), atol=1e-13)
     assert np.linalg.norm(pressed.sum(axis=0)) > 0.3
@@ -97,7 +106,7 @@ def test_friction_holds_what_it_can_and_loses_energy(rough: System) -> None:
     assert (np.diff(lost.sum(axis=1)) >= -1e-15).all()
     assert lost[-1].sum() > 1e-4
     robot = rough.robot.with_memories((memory[12],))
-    on = contact_forces(rough, robot, walk(robot, jnp.asarray(found.q[12])))["finger"]
+    on = forces(rough, robot, jnp.asarray(found.q[12]))["finger"]
     held = np.linalg.norm(on.part("tangential"), axis=1).sum()
     assert 0.5 * mu < held / np.linalg.norm(on.normal, axis=1).sum() <= mu * (1 + 1e-9)
     np.testing.assert_allclose(seen.forces[12].sum(axis=0), np.asarray(on.force).sum(axis=0), atol=1e-13)

@@ -75,38 +75,12 @@ def test_steps_of_two_processes_are_those_of_one(runs: Runs) -> None:
         assert second.curves() == pytest.approx(first.curves(), rel=1e-5)
 
 
-@pytest.mark.skipif(not dist.is_available() or not dist.is_gloo_available(), reason="needs PyTorch with gloo")
-def test_nothing_of_the_group_outlives_the_run() -> None:
-    """Its threads, alive at the end of Python, now and then ended a process by an abort."""
-    code = """
-import weakref, torch, torch.distributed as dist
-from exosight.learning.parallel import join
-with join("cpu"):
-    torch.optim.Adam([torch.zeros(1, requires_grad=True)])
-    group = weakref.ref(dist.group.WORLD)
-raise SystemExit(0 if group() is None else "the group is still there")
-"""
-    store = dist.TCPStore("127.0.0.1", 0, is_master=True, wait_for_workers=False)
-    meeting = {"MASTER_ADDR": "127.0.0.1", "MASTER_PORT": str(store.port), "WORLD_SIZE": "2"}
-    meeting["TORCHELASTIC_USE_AGENT_STORE"] = "True"
-    started = [
-        subprocess.Popen(
-            [sys.executable, "-c", code],
-            env={**os.environ, **meeting, "RANK": str(rank)},
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        for rank in (0, 1)
-    ]
-    said = [process.communicate(timeout=120)[1] for process in started]
-    assert [process.returncode for process in started] == [0, 0], said
-
-
 def test_the_second_process_writes_nothing(runs: Runs) -> None:
     assert list((runs.folder / "plain2_second").rglob("*")) == []
 
 
 def test_a_run_of_two_processes_leaves_what_one_leaves(runs: Runs) -> None:
+    """And nothing of its group: exit code 3 says that."""
     assert [runs.codes["whole", rank] for rank in (0, 1)] == [0, 0]
     assert runs.sentences("whole") == []
     folder = runs.folder / "whole"

@@ -10,6 +10,7 @@ import os
 import signal
 import sys
 import traceback
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch._dynamo  # as the first optimiser in a process does, which takes a second
+import torch.distributed as dist
 from schemas import published_schema
 from torch import nn
 from torch.distributed import TCPStore
@@ -140,7 +142,10 @@ def process(work: Work, rank: int, size: int, port: int, folder: Path) -> int:
         )
     try:
         with join("cpu") as group:
+            world = weakref.ref(dist.group.WORLD) if size > 1 else None
             work(group, samples, folder)
+        if world and world():  # its threads, alive at the end of Python, now and then ended it by an abort
+            return 3
     except ExosightError as error:
         print(error, file=sys.stderr)
         return 2

@@ -125,7 +125,7 @@ def test_derivatives_where_points_stick_and_slip(moved: float, evaluate: Callabl
     robot = Robot(bodies, (contact, friction(contact, 0.4, Tree(bodies))))
     q = np.random.default_rng(7).normal(size=robot.dofs) * 0.02
     q[-1] = -0.03
-    robot = robot.with_memories(robot.remember(walk(robot, jnp.asarray(q))))
+    robot = robot.with_memories(robot.remember(walk(robot, jnp.asarray(q)), jnp.zeros(0)))
     q = q + moved * np.random.default_rng(1).normal(size=robot.dofs)
     term = robot.terms[1]
     assert isinstance(term, Friction)

@@ -27,6 +27,15 @@ RANGE = 'range = ["-2 N", "4 N"]'
 MOUNT = 'position = ["0 mm", "0 mm", "15 mm"]'
 
 
+walked = eqx.filter_jit(walk)
+
+
+@eqx.filter_jit
+def pressed(system: System, q: jax.Array) -> tuple[Observation, dict[str, SurfaceForces]]:
+    """What is seen, and the forces on every surface."""
+    return observe_state(system, q), contact_forces(system, system.robot, walk(system.robot, q))
+
+
 def test_strains_of_a_file_are_those_of_rods() -> None:
     assert Strain.__args__ == STRAINS
 
@@ -39,7 +48,7 @@ def test_links_move_by_closed_form_kinematics(system: Make) -> None:
     q[robot.dof_slice("base")], q[robot.dof_slice("tip")] = a, b
     pads = next(each for each in small.surfaces if each.name == "pads")
     assert isinstance(pads, SphereSurface)
-    found = np.asarray(walk(robot, jnp.asarray(q)).position)[list(pads.spheres.index(robot))]
+    found = np.asarray(walked(robot, jnp.asarray(q)).position)[list(pads.spheres.index(robot))]
     # A positive angle about y turns x towards −z.
     along, then = np.array([np.cos(a), 0, -np.sin(a)]), np.array([np.cos(a + b), 0, -np.sin(a + b)])
     expected = [0.02 * along, 0.04 * along, 0.04 * along + 0.015 * then, 0.04 * along + 0.03 * then]
@@ -50,7 +59,7 @@ def test_links_move_by_closed_form_kinematics(system: Make) -> None:
 def test_rotation_vector_turns_the_base(system: Make) -> None:
     vector = np.deg2rad([30.0, -20.0, 50.0])
     turned = system((MOUNT, f'{MOUNT}\nrotation = ["30 deg", "-20 deg", "50 deg"]'))
-    pose = np.asarray(walk(turned.robot, jnp.zeros(turned.robot.dofs))["soft"].pose)
+    pose = np.asarray(walked(turned.robot, jnp.zeros(turned.robot.dofs))["soft"].pose)
     rotation = Rotation.from_rotvec(vector).as_matrix()
     np.testing.assert_allclose(pose[0, :3, :3], rotation, atol=1e-14)
     np.testing.assert_allclose(pose[-1, :3, 3], [0, 0, 0.015] + 0.08 * rotation[:, 0], atol=1e-14)
@@ -93,7 +102,7 @@ def test_a_heavy_rod_sags_as_euler_and_bernoulli_say(system: Make) -> None:
         ('name = "small"', 'name = "small"\ngravity = ["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]'),
     )
     q = drive([heavy.robot], np.zeros((1, 1))).q[0, 0]
-    tip = np.asarray(walk(heavy.robot, jnp.asarray(q))["soft"].pose)[-1, 2, 3] - 0.015
+    tip = np.asarray(walked(heavy.robot, jnp.asarray(q))["soft"].pose)[-1, 2, 3] - 0.015
     area, second = np.pi * radius**2, np.pi * radius**4 / 4
     sag = density * area * 9.81 * length**4 / (8 * young * second)
     # The curvature is quadratic, which the basis holds, and slopes are 5e-5, so that small angles hold;
@@ -105,8 +114,8 @@ def test_a_heavy_rod_sags_as_euler_and_bernoulli_say(system: Make) -> None:
 def test_what_the_rod_feels_is_what_the_links_feel(system: Make, load: float) -> None:
     small = system()
     found = simulate_system(small, np.array([[load]]))
-    seen = observe_state(small, jnp.asarray(found.equilibria.q[0]))
-    motion = walk(small.robot, jnp.asarray(found.equilibria.q[0]))
+    seen, _ = pressed(small, jnp.asarray(found.equilibria.q[0]))
+    motion = walked(small.robot, jnp.asarray(found.equilibria.q[0]))
     on_first, on_second = small.contact_terms[0].forces(small.robot, motion.position)
     np.testing.assert_allclose(on_first.sum(axis=0), -on_second.sum(axis=0), atol=1e-13)
     # Zones near and far share no sphere and hold all four, so their vectors sum to the reaction.
@@ -127,7 +136,7 @@ def test_zones_along_a_tube_share_the_whole_force(system: Make, tubes: list) -> 
     found = simulate_system(small, np.array([[1.0], [4.0]]))
     assert found.equilibria.converged.all()
     for q, forces in zip(found.equilibria.q, found.observation.forces, strict=True):
-        on = contact_forces(small, small.robot, walk(small.robot, jnp.asarray(q)))
+        _, on = pressed(small, jnp.asarray(q))
         total = np.asarray(on["soft_points"].force).sum(axis=0)
         assert np.linalg.norm(total) > 0.01
         np.testing.assert_allclose(forces.sum(axis=0), -total, atol=1e-13)
@@ -207,12 +216,7 @@ def test_planes_and_drums_of_a_file(system: Make, tubes: list) -> None:
     q = np.zeros(hand.robot.dofs)
     q[hand.robot.dof_slice("base")] = q[hand.robot.dof_slice("tip")] = angle = 0.219
     depth = 0.04 * np.sin(angle) + 0.03 * np.sin(2 * angle) + 0.006 - 0.026
-
-    @eqx.filter_jit
-    def read(hand: System, q: jax.Array) -> tuple[Observation, dict[str, SurfaceForces]]:
-        return observe_state(hand, q), contact_forces(hand, hand.robot, walk(hand.robot, q))
-
-    at, on = read(hand, jnp.asarray(q))
+    at, on = pressed(hand, jnp.asarray(q))
     floor = [sensor.spec.name for sensor in hand.sensors].index("floor")
     assert float(at.readings[floor]) == pytest.approx(20e3 * depth)
     forces = {name: np.asarray(each.force).sum(axis=0) for name, each in on.items()}

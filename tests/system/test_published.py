@@ -1,5 +1,7 @@
 """The published system is the robot that the paper's exosuit assembles to."""
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,9 +9,10 @@ import pytest
 from exosight.exosuit.assembly import ROD, Exosuit, assemble
 from exosight.exosuit.published import PublishedDesigns, published
 from exosight.exosuit.variation import PlantVariation
-from exosight.mechanics import SphereContact, drive, walk
+from exosight.mechanics import Robot, SphereContact, drive, walk
+from exosight.mechanics.kinematics import Motion
 from exosight.system.designs import DesignSet
-from exosight.system.observation import observe_state
+from exosight.system.observation import Observation, observe_state
 from exosight.system.system import stack_systems
 
 LOADS = np.array([[0.0], [1.0], [2.4], [4.0]])
@@ -21,9 +24,14 @@ def test_equilibria_and_readings_are_those_of_the_robot() -> None:
     ours, theirs = drive([system.robot], LOADS), drive([robot], LOADS)
     np.testing.assert_allclose(ours.q, theirs.q, atol=1e-12)
     (contact,) = (term for term in robot.terms if isinstance(term, SphereContact))
+
+    @eqx.filter_jit
+    def read(robot: Robot, q: jax.Array) -> tuple[Observation, Motion, jax.Array]:
+        motion = walk(robot, q)
+        return observe_state(system, q), motion, contact.forces(robot, motion.position)[1]
+
     for q in jnp.asarray(ours.q[0]):
-        observed, motion = observe_state(system, q), walk(robot, q)
-        pushes = contact.forces(robot, motion.position)[1]
+        observed, motion, pushes = read(robot, q)
         forces = np.linalg.norm(pushes, axis=-1)
         expected = [*forces, forces[1:].sum(), *q[-3:]]  # C0 … C7, F_net, angle_1 … angle_3
         np.testing.assert_allclose(observed.readings, expected, atol=1e-12)

@@ -9,6 +9,7 @@ surface_contact              contact of rods' tubes with links and planes; tube_
 rigid_contact, cones         contact of links with links and planes, by their closest spheres
 friction                     Coulomb friction of any of these, with a memory of where points stuck
 contact_damping              damping of any of these in motions, after Hunt and Crossley
+relaxation                   viscoelastic rods: Prony series, with a memory of internal strains
 loads, bushing               weight, wrenches, distributed forces, torques; springs that close loops
 equilibrium                  stable minima of the energy: options and results
 quasistatic                  the driver: states under slowly changing loads, many robots at a time

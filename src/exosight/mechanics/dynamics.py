@@ -55,7 +55,7 @@ class Trajectories(eqx.Module):
     q, velocity  (times, dofs)   coordinates, and their rates [1/s]
     kinetic      (times,)        kinetic energy [J]
     potential    (times,)        potential energy Π at that time's loads [J]
-    dissipated   (times,)        what viscosity, contacts' damping and friction took since the first time [J]
+    dissipated   (times,)        what viscosity, damping, friction, relaxation took since the first time [J]
     supplied     (times,)        what changing loads gave since then, ∫ ∂Π/∂u · du [J]
     steps        (times,)        steps taken since then
     rejected     (times,)        steps tried and taken back since then
@@ -209,6 +209,9 @@ def _checked(
         )
     if loads.shape[1] < needed:
         raise InputError(f"loads: the robot's terms need {needed} channels, got {loads.shape[1]}")
+    for clock in robots[0].clocks:
+        if not np.allclose(np.diff(loads[:, clock]), np.diff(times), rtol=1e-9, atol=0):
+            raise InputError(f"loads: channel {clock} holds the time [s]; expected it to run as `times` does")
     shape = (len(robots), robots[0].dofs)
     starts = [np.zeros(shape) if x is None else np.asarray(x, dtype=float) for x in (q, velocity)]
     for name, start in zip(("q", "velocity"), starts, strict=True):

@@ -40,7 +40,7 @@ def by_xla(robot: Robot) -> Evaluator:
     def evaluate(q: Array, loads: Array, memories: Memories) -> tuple[Evaluation, Memories, Motion]:
         now = robot.with_memories(memories)
         found, motion = (potential(now) if memories else same)(q, loads)
-        return found, now.remember(motion), motion
+        return found, now.remember(motion, loads), motion
 
     return Evaluator(evaluate, lambda motion, step: _step_fraction(robot, motion, step))
 
@@ -70,7 +70,7 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
     ) -> tuple[tuple, tuple[Evaluation, Memories], Array]:
         robot = jax.tree.unflatten(structure, leaves).with_memories(at[2])
         found, motion = potential(robot)(*at[:2])
-        return (), (found, robot.remember(motion)), _step_fraction(robot, motion, *step)
+        return (), (found, robot.remember(motion, at[1])), _step_fraction(robot, motion, *step)
 
     leaves = [np.zeros(shape) for shape in shapes]
     robot = jax.tree.unflatten(structure, leaves)

@@ -136,7 +136,9 @@ class Friction(TermWithMemory):
         slip = self.slip(tree, motion, self.contact.pressing(tree, motion).force)
         return -(self.stiffness(tree) * slip.held)[:, None] * slip.stretch
 
-    def remember(self, tree: Tree, motion: Motion) -> Float[Array, f"points {SIZE}"]:
+    def remember(
+        self, tree: Tree, motion: Motion, loads: Float[Array, " loads"]
+    ) -> Float[Array, f"points {SIZE}"]:
         """The place that each point touches now, with the force that it is held by."""
         held, now = Held.of(self.memory), self.contact.pressing(tree, motion)
         own = motion.pose[self.contact.point_frames(tree)]
@@ -161,8 +163,10 @@ class Friction(TermWithMemory):
         """Of all points."""
         return jnp.sum(jnp.asarray(Held.of(self.memory).dissipated))
 
-    def turned_back(self, tree: Tree, motion: Motion, v: Float[Array, " dofs"]) -> Float[Array, ""]:
-        """Points that slip one way in the whole step, and at its end the other way."""
+    def discrepancy(
+        self, tree: Tree, motion: Motion, v: Float[Array, " dofs"], loads: Float[Array, " loads"]
+    ) -> Float[Array, ""]:
+        """The speed at which points slip back that have slipped one way in the step as a whole."""
         now, twist = self.contact.pressing(tree, motion), motion.twist(v)
         slip, own = self.slip(tree, motion, now.force), twist[self.contact.point_frames(tree)]
         relative = own - self._partner(tree, twist, Held.of(self.memory).partner, jnp.zeros(6))

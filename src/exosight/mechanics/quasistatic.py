@@ -155,6 +155,10 @@ def _solve(
     for name, value, shape in (("q", q, (count, robots.dofs)), ("loads", origin, (count, channels))):
         if value.shape != shape or not np.all(np.isfinite(value)):
             raise InputError(f"state.{name}: expected finite numbers of shape {shape}, got {value.shape}")
+    for clock in robots.clocks:
+        way = np.concatenate([origin[:, None, clock], loads[:, :, clock]], axis=1)
+        if np.any(np.diff(way) < 0):
+            raise InputError(f"loads: channel {clock} holds the time [s]; expected it never to fall")
     expected = [np.shape(memory) for memory in robots.memories]
     history = tuple(np.asarray(memory, dtype=float) for memory in state.history)
     if [memory.shape for memory in history] != expected:

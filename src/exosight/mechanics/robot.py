@@ -38,6 +38,11 @@ class Robot(Tree):
         return max((term.loads for term in self.terms), default=0)
 
     @property
+    def clocks(self) -> set[int]:
+        """Load channels in which terms expect the time [s]."""
+        return {term.clock for term in self.terms if term.clock is not None}
+
+    @property
     def memories(self) -> Memories:
         """What its terms remember, one array for each that does."""
         return tuple(term.memory for term in self._with_memory)
@@ -56,17 +61,19 @@ class Robot(Tree):
         )
         return Robot(self.bodies, terms)
 
-    def remember(self, motion: Motion) -> Memories:
-        """What its terms know from now on, when a step has ended at this pose."""
-        return tuple(term.remember(self, motion) for term in self._with_memory)
+    def remember(self, motion: Motion, loads: Float[Array, " loads"]) -> Memories:
+        """What its terms know from now on, when a step has ended at this pose and these loads."""
+        return tuple(term.remember(self, motion, loads) for term in self._with_memory)
 
     def dissipated(self) -> Float[Array, ""]:
         """What its terms with a memory have lost so far [J]."""
         return sum((term.dissipated() for term in self._with_memory), start=jnp.zeros(()))
 
-    def turned_back(self, motion: Motion, v: Float[Array, " dofs"]) -> Float[Array, ""] | None:
-        """See `TermWithMemory.turned_back`: the largest of its terms; None without any."""
-        speeds = [term.turned_back(self, motion, v) for term in self._with_memory]
+    def discrepancy(
+        self, motion: Motion, v: Float[Array, " dofs"], loads: Float[Array, " loads"]
+    ) -> Float[Array, ""] | None:
+        """The largest of its terms (`TermWithMemory.discrepancy`); None without any."""
+        speeds = [term.discrepancy(self, motion, v, loads) for term in self._with_memory]
         return jnp.max(jnp.stack(speeds)) if speeds else None
 
     @property

@@ -95,6 +95,11 @@ class Term(eqx.Module):
         return 0
 
     @property
+    def clock(self) -> int | None:
+        """The load channel in which it expects the time [s]; None: it has no use for it."""
+        return None
+
+    @property
     def conservative(self) -> bool:
         """Whether it has an energy; a follower force has none, and `bind` then gives its gradient only."""
         return True
@@ -162,18 +167,20 @@ class TermWithMemory(Term):
 
     memory: Float[AnyArray, "..."]
 
-    def remember(self, tree: Tree, motion: Motion) -> Float[Array, "..."]:
-        """What it knows from now on, when a step has ended at this pose."""
+    def remember(self, tree: Tree, motion: Motion, loads: Float[Array, " loads"]) -> Float[Array, "..."]:
+        """What it knows from now on, when a step has ended at this pose and these loads."""
         raise NotImplementedError(f"{type(self).__name__} does not say what it remembers")
 
     def dissipated(self) -> Float[Array, ""]:
         """What it has lost so far [J], as its memory says."""
         return jnp.zeros(())
 
-    def turned_back(self, tree: Tree, motion: Motion, v: Float[Array, " dofs"]) -> Float[Array, ""]:
-        """The largest speed [m/s] of a point at the end of a step against the way that the step assumed.
+    def discrepancy(
+        self, tree: Tree, motion: Motion, v: Float[Array, " dofs"], loads: Float[Array, " loads"]
+    ) -> Float[Array, ""]:
+        """By how much the speed at the end of a step differs from what it assumes of the step [m/s].
 
-        A motion takes steps so short that half of the way at this speed is within the tolerance.
+        `evolve` takes steps so short that half of the way at this speed is within the tolerance.
         """
         return jnp.zeros(())
 

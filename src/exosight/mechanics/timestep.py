@@ -88,30 +88,37 @@ class TimeStepper:
         if state.memories:
             robot = robot.with_memories(state.memories)
             linearize = equation_of_motion(robot)
-        here = linearize(q, v, jnp.asarray(state.newton.a), self.interval.load_at(time), eta)
+        loads = self.interval.load_at(time)
+        here = linearize(q, v, jnp.asarray(state.newton.a), loads, eta)
         found = newton_step(stage, here, state.newton, self.limits.tolerance)
 
         state = state._replace(newton=next_newton(state.newton, found))
         solved = _with_stage(state, found, here)
         error = step_error(TABLEAU, solved.slopes, state.step, here.displacement)
-        turned = robot.turned_back(here.motion, found.v)
-        if turned is not None:
-            error = jnp.maximum(error, 0.5 * state.step * turned)
+        discrepancy = robot.discrepancy(here.motion, found.v, loads)
+        if discrepancy is not None:
+            error = jnp.maximum(error, 0.5 * state.step * discrepancy)
         good, proposed = after_step(self.limits, state.step, error, TABLEAU.order)
         explicit, last = state.stage == 0, state.stage == TABLEAU.stages - 1
         shorter = after_divergence(self.limits, state.step)
         return _first_case(
             (found.diverged, self.rejected(state, shorter)),
             (~found.converged, state),
-            (explicit, self.started(solved, found, here)),
+            (explicit, self.started(solved, found, here, loads)),
             (~last, solved),
-            (good, self.accepted(solved, found, here, proposed)),
+            (good, self.accepted(solved, found, here, loads, proposed)),
             otherwise=self.rejected(state, proposed),
         )
 
-    def started(self, state: IntegrationState, found: NewtonStep, here: Linearization) -> IntegrationState:
+    def started(
+        self,
+        state: IntegrationState,
+        found: NewtonStep,
+        here: Linearization,
+        loads: Float[Array, " channels"],
+    ) -> IntegrationState:
         """The acceleration at the start is known: the first step begins."""
-        state = self.remembering(state, here)
+        state = self.remembering(state, here, loads)
         first = first_step(self.limits, here.displacement(found.a))
         proposed = jnp.where(jnp.isinf(state.proposed), first, state.proposed)
         return self.with_step(self.with_energies(state, found, here)._replace(proposed=proposed))
@@ -121,6 +128,7 @@ class TimeStepper:
         state: IntegrationState,
         found: NewtonStep,
         here: Linearization,
+        loads: Float[Array, " channels"],
         proposed: Float[Array, ""],
     ) -> IntegrationState:
         """The step's last stage is the new point, and the first stage of the next step."""
@@ -130,7 +138,7 @@ class TimeStepper:
         time, end = state.time + state.step, self.interval.end
         # Where rotations or memories are rewritten, the acceleration is found anew, by the explicit stage.
         q, v, rewritten = wrap_rotations(self.robot, found.q, found.v)
-        state = self.remembering(self.with_energies(state, found, here), here)
+        state = self.remembering(self.with_energies(state, found, here), here, loads)
         return self.with_step(
             state._replace(
                 time=jnp.where(end - time < ROUND_OFF * self.interval.span, end, time),
@@ -162,10 +170,12 @@ class TimeStepper:
             )
         )
 
-    def remembering(self, state: IntegrationState, here: Linearization) -> IntegrationState:
+    def remembering(
+        self, state: IntegrationState, here: Linearization, loads: Float[Array, " channels"]
+    ) -> IntegrationState:
         """What terms remember of a point that is just reached, and what they have lost on the way there."""
         before = self.robot.with_memories(state.memories)
-        after = self.robot.with_memories(before.remember(here.motion))
+        after = self.robot.with_memories(before.remember(here.motion, loads))
         lost = state.energies.dissipated + after.dissipated() - before.dissipated()
         return state._replace(memories=after.memories, energies=state.energies._replace(dissipated=lost))
 
