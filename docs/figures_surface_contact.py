@@ -3,7 +3,8 @@
 `python docs/figures_surface_contact.py` simulates and draws; with `--draw` it draws what docs/results holds.
 Accuracy and data are those of, with DATA from `exosight generate --system index --per-scenario 125`,
 
-accuracy/index.json      exosight evaluate --data DATA --json docs/results/accuracy/index.json
+index_data.json      what `generate` tells with --json
+accuracy/index.json  exosight evaluate --data DATA --json docs/results/accuracy/index.json
 """
 
 import json
@@ -18,6 +19,7 @@ from matplotlib.figure import Figure
 
 from exosight.control import CONTROL_SHAPE
 from exosight.evaluation.figures.style import BLUE, GRAY, GREEN, VERMILION, new_figure, styled
+from exosight.evaluation.published import FRAMES_KEPT, FRAMES_SIMULATED
 from exosight.exosuit.catalogue import nominal_system
 from exosight.exosuit.index import index
 from exosight.mechanics import drive
@@ -48,7 +50,8 @@ def _path(name: str) -> list[float]:
 
 def load() -> dict[str, Any]:
     """The stored results."""
-    return {**json.loads(RESULT.read_text()), "accuracy": accuracy.load()}
+    both = {name: json.loads((RESULT.parent / f"{name}.json").read_text()) for name in ("index_data", "bench")}
+    return {**json.loads(RESULT.read_text()), "accuracy": accuracy.load(), **both}
 
 
 @styled
@@ -85,6 +88,16 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
         [name, *(f"{row['r exosight']:.4f}" for row in result["robustness"])]
         for name, result in networks.items()
     ]
+    bench, own_data = found["bench"]["dataset"], found["index_data"]
+    kept = {
+        "published": (bench["frames simulated"], bench["frames kept, rendered and stored"]),
+        "index": (own_data["frames"] + sum(own_data["dropped"].values()), own_data["frames"]),
+        "paper": (FRAMES_SIMULATED, FRAMES_KEPT),
+    }
+    data = [
+        [name, f"{simulated}", f"{left}", f"{100 * left / simulated:.1f}"]
+        for name, (simulated, left) in kept.items()
+    ]
     own = control.load()["constant"]
     loop = [
         [f"{controller}: {name}", *(control.settled(runs[controller][target]) for target in control.PAPER)]
@@ -94,6 +107,7 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
         for name, runs in (("published", own), ("index", found["constant"]))
     ]
     return {
+        "data": table_of(("system", "frames simulated", "kept", "kept [%]"), data),
         "contacts": table_of(("unseen exosuits", *accuracy.CONTACTS), contacts),
         "noise": table_of(("mean r", *accuracy.IMAGES), noise),
         "loop": table_of(

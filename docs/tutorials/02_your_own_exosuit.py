@@ -2,7 +2,8 @@
 Your own exosuit
 ================
 
-Another shape, material and length: contact forces, camera images, and estimates of the shipped network.
+Another shape, material and length: contact forces, camera images, and estimates of the shipped network. The
+system is ``index``, whose surfaces press on each other (:doc:`/surface_contact`).
 """
 
 # %%
@@ -16,9 +17,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from exosight.exosuit.assembly import Exosuit
-from exosight.exosuit.published import published
+from exosight.exosuit.index import index
 from exosight.exosuit.shapes import ExosuitShape, Linear, Sine, Surface, radius
-from exosight.exosuit.simulation import simulate
+from exosight.system.simulation import simulate_path
 
 taper = ExosuitShape(Linear(r0=0.009, r1=0.005), length=0.095)
 waves = ExosuitShape(Sine(r0=0.007, a=-9.0), length=0.095)
@@ -66,20 +67,23 @@ SHAPES = {"taper": taper, "waves": waves, "waist": waist}
 LOADS = np.arange(0.0, 4.01, 0.2)
 COLOURS = {"taper": "#0072B2", "waves": "#E69F00", "waist": "#009E73"}
 
-found = {name: simulate(Exosuit(shape), LOADS) for name, shape in SHAPES.items()}
+systems = {name: index(Exosuit(shape)) for name, shape in SHAPES.items()}
+F_NET = systems["taper"].schema.index("F_net")
+found = {name: simulate_path(system, LOADS[:, None]) for name, system in systems.items()}
+forces = {name: path.observation.readings[:, F_NET] for name, path in found.items()}
 curves = Figure(figsize=(7.0, 2.8), layout="constrained")
 surface, force = curves.subplots(1, 2)
 x = np.linspace(0, 1, 200)
 for name, shape in SHAPES.items():
     surface.plot(100 * shape.length * x, 1000 * radius(shape.surface, x), color=COLOURS[name], label=name)
-    force.plot(LOADS, found[name].reading("F_net"), "o-", color=COLOURS[name], markersize=3, label=name)
+    force.plot(LOADS, forces[name], "o-", color=COLOURS[name], markersize=3, label=name)
 surface.set(xlabel="along the exosuit [cm]", ylabel="radius [mm]", ylim=(0, 11))
 force.set(xlabel="actuation u [N]", ylabel="F_net [N]")
 force.legend(frameon=False)
 
 for name, path in found.items():
     worst = float(np.max(path.equilibria.residual))
-    print(f"{name}: F_net at 4 N = {float(path.reading('F_net')[-1]):.3f} N, largest residual {worst:.0e}")
+    print(f"{name}: F_net at 4 N = {forces[name][-1]:.3f} N, largest residual {worst:.0e}")
 
 # %%
 # Camera images
@@ -88,7 +92,7 @@ for name, path in found.items():
 from exosight.evaluation.figures import pose_strip
 from exosight.vision.scene import picture
 
-images = np.stack([picture(published(SHAPES[name]), found[name].observation.axes)[15] for name in SHAPES])
+images = np.stack([picture(systems[name], found[name].observation.axes)[15] for name in SHAPES])
 seen = pose_strip(images, [f"{name}, u = {LOADS[15]:.0f} N" for name in SHAPES])
 
 # %%
@@ -100,8 +104,8 @@ seen = pose_strip(images, [f"{name}, u = {LOADS[15]:.0f} N" for name in SHAPES])
 # pose.
 
 for young in (200e3, 300e3, 600e3):
-    at = simulate(Exosuit(taper, young=young), [2.4])
-    print(f"E = {young / 1000:.0f} kPa: F_net at 2.4 N = {float(at.reading('F_net')[0]):.3f} N")
+    at = simulate_path(index(Exosuit(taper, young=young)), np.array([[2.4]])).observation
+    print(f"E = {young / 1000:.0f} kPa: F_net at 2.4 N = {at.readings[0, F_NET]:.3f} N")
 
 # %%
 # Estimates of the shipped network
@@ -111,15 +115,13 @@ for young in (200e3, 300e3, 600e3):
 # indicates whether the estimate is reliable: above 1 it is not. Here it is below 1.
 
 from exosight.control import OnnxEstimator
-from exosight.control.estimator import DEFAULT_MODEL
+from exosight.control.estimator import SHIPPED_MODELS
 
-network = OnnxEstimator.load(DEFAULT_MODEL)
+network = OnnxEstimator.load(SHIPPED_MODELS["index"])
 reading = network.read(images)
 for i, name in enumerate(SHAPES):
-    true = float(found[name].reading("F_net")[15])
     estimate, ood_score = reading.forces[i].sum(), reading.ood_score[i]
-    print(f"{name}: true {true:.3f} N, estimated {estimate:.3f} N, OOD score {ood_score:.2f}")
+    print(f"{name}: true {forces[name][15]:.3f} N, estimated {estimate:.3f} N, OOD score {ood_score:.2f}")
 
 # %%
-# On the command line, for the five families: ``exosight simulate --family sine --r0 0.007 --a -9 --length
-# 0.095 --u 2.4``. To add a family to datasets: :doc:`/extending`.
+# In the lab, for the five families: ``exosight lab --vary family=sine "r0=7 mm" a=-9``. To add a family to datasets: :doc:`/extending`.

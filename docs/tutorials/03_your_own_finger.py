@@ -20,8 +20,8 @@ import numpy as np
 from exosight.control import CONTROL_SHAPE
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.finger import Finger
-from exosight.exosuit.published import published
-from exosight.exosuit.simulation import simulate
+from exosight.exosuit.index import index
+from exosight.system.simulation import simulate_path
 
 nominal = Finger()
 small = replace(
@@ -39,23 +39,20 @@ FINGERS = {"published": nominal, "10 % smaller": small, "half as stiff": supple}
 # Joint angles are flexion, from base to tip. The finger is passive: joints deflect against their springs.
 
 LOAD = 2.4  # [N]
-found = {name: simulate(Exosuit(CONTROL_SHAPE, finger=finger), [LOAD]) for name, finger in FINGERS.items()}
-net_forces = {name: float(at.reading("F_net")[0]) for name, at in found.items()}
-for name, at in found.items():
-    angles = ", ".join(f"{round(float(at.reading(f'angle_{i}')[0] * 180 / np.pi))}°" for i in (1, 2, 3))
-    forces = " ".join(f"{1000 * float(at.reading(f'C{i}')[0]):4.0f}" for i in range(1, 8))
-    print(f"{name:14s} F_net {net_forces[name]:.3f} N, C1…C7 [mN] {forces}, joints {angles}")
+systems = {name: index(Exosuit(CONTROL_SHAPE, finger=finger)) for name, finger in FINGERS.items()}
+found = {name: simulate_path(system, np.array([[LOAD]])).observation for name, system in systems.items()}
+names = [sensor.name for sensor in systems["published"].schema.sensors]
+readings = {name: dict(zip(names, at.readings[0], strict=True)) for name, at in found.items()}
+for name, at in readings.items():
+    angles = ", ".join(f"{np.degrees(at[f'angle_{i}']):.0f}°" for i in (1, 2, 3))
+    forces = " ".join(f"{1000 * at[f'C{i}']:4.0f}" for i in range(1, 8))
+    print(f"{name:14s} F_net {at['F_net']:.3f} N, C1…C7 [mN] {forces}, joints {angles}")
 
 # %%
 from exosight.evaluation.figures import pose_strip
 from exosight.vision.scene import picture
 
-images = np.concatenate(
-    [
-        picture(published(Exosuit(CONTROL_SHAPE, finger=finger)), found[name].observation.axes)
-        for name, finger in FINGERS.items()
-    ]
-)
+images = np.concatenate([picture(systems[name], found[name].axes) for name in FINGERS])
 seen = pose_strip(images, list(FINGERS))
 
 # %%
@@ -68,12 +65,12 @@ seen = pose_strip(images, list(FINGERS))
 # silhouette determines a stiffness**: forces in newtons require a measured one (:doc:`/identifiability`).
 
 from exosight.control import OnnxEstimator
-from exosight.control.estimator import DEFAULT_MODEL
+from exosight.control.estimator import SHIPPED_MODELS
 
-reading = OnnxEstimator.load(DEFAULT_MODEL).read(images)
-for i, (name, net_force) in enumerate(net_forces.items()):
+reading = OnnxEstimator.load(SHIPPED_MODELS["index"]).read(images)
+for i, (name, at) in enumerate(readings.items()):
     print(
-        f"{name:14s} true {net_force:.3f} N, estimated {reading.forces[i].sum():.3f} N, "
+        f"{name:14s} true {at['F_net']:.3f} N, estimated {reading.forces[i].sum():.3f} N, "
         f"OOD score {reading.ood_score[i]:.2f}"
     )
 
@@ -92,9 +89,11 @@ variation = PlantVariation(link_length=(0.9, 1.1), joint_stiffness=(0.5, 2.0))
 drawn = draw_variant(variation, 0, 3)
 print("drawn for shape 3 of seed 0: links ×", np.round(drawn.link_length, 3))
 print("                             hinges ×", np.round(drawn.joint_stiffness, 3))
-worn = varied(Exosuit(CONTROL_SHAPE), drawn)
-print(f"F_net at {LOAD} N: {float(simulate(worn, [LOAD]).reading('F_net')[0]):.3f} N")
+worn = index(varied(Exosuit(CONTROL_SHAPE), drawn))
+at = simulate_path(worn, np.array([[LOAD]])).observation
+print(f"F_net at {LOAD} N: {at.readings[0, names.index('F_net')]:.3f} N")
 
 # %%
-# If the finger has been measured, fine-tune the network instead: ``exosight generate --seed 7`` with its
-# parameters, then ``exosight train --pretrained shipped --epochs 4``, which takes minutes (:doc:`/accuracy`).
+# If the finger has been measured, fine-tune the network instead: ``exosight generate --system index --seed 7``
+# with its parameters, then ``exosight train --pretrained shipped --epochs 4``, which takes minutes
+# (:doc:`/accuracy`).

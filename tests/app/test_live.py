@@ -277,7 +277,7 @@ def test_a_stop_lets_go_first(
         (["--target", "-1"], "target"),
         (["--rate", "0"], "rate"),
         (["--r0", "0.02"], "r0"),
-        (["--system", str(THUMB), "--r0", "0.01"], "--r0: of the published system alone"),
+        (["--system", str(THUMB), "--r0", "0.01"], "--r0: an option of presets"),
         (["--system", str(THUMB)], "expected the sensors"),
         (["--system", "no_such_system"], "expected published, index, index-friction or a file"),
         (["--sensor", "C0"], "not estimated from images"),

@@ -116,9 +116,22 @@ def test_simulate_takes_u_where_there_is_one_channel(capsys: Captured, refused: 
         ((thumb, "--commands", "v=1"), "expected NAME=NUMBER"),
         ((thumb, "--commands", "u=a"), "expected a number for u, got 'a'"),
         ((thumb, "--commands", "u=1,u=2"), "at most once"),
-        ((thumb, "--u", "1", "--gap", "0.01"), "--gap: of the published system alone"),
+        ((thumb, "--u", "1", "--gap", "0.01"), "--gap: an option of presets"),
     ):
         assert sentence in refused("simulate", "--system", *words)
+
+
+def test_presets_take_an_exosuit_and_refuse_options_without_effect(
+    capsys: Captured, refused: Refused
+) -> None:
+    worn = ("--r0", "0.01", "--r1", "0.005", "--length", "0.095")
+    told = json.loads(output(capsys, "simulate", "--system", "index", *worn, "--u", "2.4", "--json", "-"))
+    # That of another program, see tests/exosuit/test_index.py.
+    assert told["path"][0]["readings"]["F_net"] == pytest.approx(0.188, abs=0.001)
+    sentence = refused("simulate", "--system", "index", "--friction", "0.2")
+    assert "--friction: has an effect in index-friction alone" in sentence
+    sentence = refused("simulate", "--system", "index", "--contact-stiffness", "500")
+    assert "--contact-stiffness: has an effect in published alone" in sentence
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)

@@ -6,26 +6,34 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from exosight.app.commands.options import ExosuitOptions
+from exosight.app.nominal import nominal_system
 from exosight.errors import InputError
 from exosight.evaluation.metrics import finite_or_none
 from exosight.evaluation.tables import Column, Table
-from exosight.exosuit.catalogue import nominal_system
+from exosight.exosuit.catalogue import find_system
+from exosight.exosuit.shapes import TABLE_I
+from exosight.system.designs import FileDesigns
 from exosight.system.schema import Schema, schema_to_dict
 from exosight.system.simulation import SystemStates, simulate_system
 from exosight.system.system import System
 
 
 def simulated_path(
-    name: str, u: Sequence[float] | None, commands: Sequence[str] | None
+    name: str, exosuit: ExosuitOptions, u: Sequence[float] | None, commands: Sequence[str] | None
 ) -> tuple[System, SystemStates]:
     """A preset or system file, and its equilibria.
 
+    exosuit    of a preset
     u          of a system with one channel: its commands
     commands   texts such as "left=2,right=0.5"; by default each channel from 0 to the far end of its range
 
-    Raises InputError for a system that is none, or commands that are not its own.
+    Raises InputError for a system that is none, options of an exosuit or commands that are not its own.
     """
-    system = nominal_system(name)
+    designs = find_system(name)
+    if isinstance(designs, FileDesigns):
+        exosuit.refuse("the system file says it itself")
+    system = nominal_system(designs, exosuit.exosuit(TABLE_I, name))
     return system, simulate_system(system, _commands(system.schema, u, commands))
 
 

@@ -77,7 +77,7 @@ def live(
 
     Without a source, the system is simulated. However the loop ends, Ctrl-C included,
     the command first returns to 0. At the start the controller is tuned on a simulation of the system,
-    which takes some seconds. The published system has the exosuit of the paper's controller (r0 0.01,
+    which takes some seconds. A preset has the exosuit of the paper's controller (r0 0.01,
     r1 0.005, length 0.095) unless options say otherwise.
 
     Examples:
@@ -90,7 +90,7 @@ def live(
         device: camera and actuator
         run: target, duration, rate and limits
         loop: what is driven
-        exosuit: of the published system
+        exosuit: of a preset
         model: exported network, from exosight train; the package's own for the system if left out
         plot: draw the sensor and the command over time, to a new file (PNG, PDF or SVG)
         json: write timing and the guard's log as JSON to a new file, or to stdout with "-"
@@ -118,14 +118,14 @@ def live(
     from exosight.control.estimator import OnnxEstimator, model_path
     from exosight.control.tuning import tune
     from exosight.exosuit.catalogue import find_system
-    from exosight.exosuit.published import PublishedDesigns
+    from exosight.system.designs import FileDesigns
 
     designs = find_system(loop.system)
-    if not isinstance(designs, PublishedDesigns):
+    if isinstance(designs, FileDesigns):
         exosuit.refuse(f"change {loop.system} instead")
     place = model_path(model, loop.system)
     network = OnnxEstimator.load(place, alone=True)
-    system = nominal_system(designs, exosuit.exosuit(CONTROL_SHAPE), network)
+    system = nominal_system(designs, exosuit.exosuit(CONTROL_SHAPE, loop.system), network)
     with opened(device.source, network, device.crop) as frames:
         say("tuning the controller on a simulation of the system")
         limits = {"contact_limit": run.contact_limit, "rate": run.max_rate}

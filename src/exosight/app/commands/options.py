@@ -57,10 +57,10 @@ class LoopOptions:
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class ExosuitOptions:
-    """An exosuit of the published system."""
+    """An exosuit of a preset."""
 
     family: Name = None
-    """of the published system, as all that follow: surface of the exosuit: linear (r0, r1), sine (r0, a),
+    """of a preset, as all that follow: surface of the exosuit: linear (r0, r1), sine (r0, a),
     cosine_sum (b), sine_cosine (r0, c, d, phi-c, phi-d) or legendre (m); default: linear"""
     r0: Number = None
     """radius at the base, or mean radius [m], 0.004…0.01"""
@@ -88,6 +88,8 @@ class ExosuitOptions:
     """penalty stiffness of the contact spheres [N/m], 1…1e6; default: 1000"""
     gap: Number = None
     """clearance between exosuit and finger at the base [m], 0…0.1; default: 0"""
+    friction: Number = None
+    """coefficient of friction between the two in index-friction, 0…2; default: 0.3"""
 
     def given(self) -> dict[str, Any]:
         """The options that were not left out."""
@@ -97,15 +99,22 @@ class ExosuitOptions:
     def refuse(self, remedy: str) -> None:
         """Raise InputError if there is any."""
         if self.given():
-            raise InputError(f"{_option(next(iter(self.given())))}: of the published system alone; {remedy}")
+            raise InputError(f"{_option(next(iter(self.given())))}: an option of presets; {remedy}")
 
-    def exosuit(self, nominal: ExosuitShape) -> "Exosuit":
+    def exosuit(self, nominal: ExosuitShape, system: str) -> "Exosuit":
         """The exosuit of these options; the nominal shape has what is left out of length and linear family.
 
-        Raises InputError for parameters that are missing, of another family or out of range.
+        system   the preset that it is for
+
+        Raises InputError for parameters that are missing, of another family, without effect or out of range.
         """
         given = self.given()
-        worn = {name: given.pop(name) for name in ("young", "contact_stiffness", "gap") if name in given}
+        for name, own in _ONLY.items():
+            if name in given and system != own:
+                raise InputError(
+                    f"{_option(name)}: has an effect in {own} alone; leave it out, or choose --system {own}"
+                )
+        worn = {name: given.pop(name) for name in _WORN if name in given}
         family, length = given.pop("family", "linear"), given.pop("length", nominal.length)
         if family == nominal.surface.family and set(given) <= set(ranges(FAMILIES[family])):
             given = shape_to_dict(nominal)["parameters"] | given
@@ -124,6 +133,9 @@ class ExosuitOptions:
 
         return Exosuit(shape, **worn)
 
+
+_WORN = ("young", "contact_stiffness", "gap", "friction")
+_ONLY = {"contact_stiffness": PUBLISHED, "friction": "index-friction"}
 
 NO_OPTIONS, NOMINAL_LOOP = ExosuitOptions(), LoopOptions()
 

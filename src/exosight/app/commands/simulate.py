@@ -54,13 +54,14 @@ def simulate(
     """Solve the stable equilibria of an exosuit on a finger, or of any system, under given loads.
 
     Each load is approached from rest in steps of at most 0.05 N, so an answer does not depend on which other
-    loads are asked for. Without parameters it is the paper's exosuit (Table I). The options of an exosuit do
-    not go with a system of your own, whose file says it all (docs/systems.md).
+    loads are asked for. Without parameters it is the paper's exosuit (Table I). The options of an exosuit go
+    with presets; the file of a system of your own says it all (docs/systems.md).
 
     Examples:
       exosight simulate --u 0 1 2.4 4 --plot path.pdf
       exosight simulate --r0 0.01 --r1 0.005 --length 0.095 --u 2.4 --json -
       exosight simulate --family cosine_sum --b -15 -12 -9 -6 -3 0 0
+      exosight simulate --system index --r0 0.01 --r1 0.005 --length 0.095 --u 2.4
       exosight simulate --system thumb.toml --u 1 2 4
       exosight simulate --system hand.toml --commands left=2,right=0.5 left=3
 
@@ -82,17 +83,16 @@ def simulate(
         raise InputError("--poses: expected --json with it; a table has no room for them")
     check_plot(plot)
     if system != PUBLISHED or commands is not None:
-        exosuit.refuse("a system file says it itself, and --commands takes the nominal one")
         # Here, so that --help and wrong options answer at once: JAX takes a second to import.
         from exosight.app.system_path import path_table, path_values, simulated_path
 
         with waiting(WAITING):
-            shown, states = simulated_path(system, u, commands)
+            shown, states = simulated_path(system, exosuit, u, commands)
         result = path_values(shown, states)
         table = path_table(result)
         found = shown, states.commands, states.observation, states.equilibria
     else:
-        worn = exosuit.exosuit(TABLE_I)
+        worn = exosuit.exosuit(TABLE_I, PUBLISHED)
         from exosight.exosuit.simulation import simulate as solve
 
         with waiting(WAITING):
