@@ -50,7 +50,9 @@ def _path(name: str) -> list[float]:
 
 def load() -> dict[str, Any]:
     """The stored results."""
-    both = {name: json.loads((RESULT.parent / f"{name}.json").read_text()) for name in ("index_data", "bench")}
+    both = {
+        name: json.loads((RESULT.parent / f"{name}.json").read_text()) for name in ("index_data", "bench")
+    }
     return {**json.loads(RESULT.read_text()), "accuracy": accuracy.load(), **both}
 
 

@@ -96,7 +96,9 @@ def test_a_picture_that_cannot_be_read_is_a_missing_frame_and_told(tmp_path: Pat
     faults: list[str] = []
     frames = list(open_source(str(tmp_path), 8, 8, unread=faults.append))
     assert [frame is not None for frame in frames] == [True, False, True, False]
-    assert [fault.partition(":")[0] for fault in faults] == [str(tmp_path / name) for name in ("b.png", "d.png")]
+    assert [fault.partition(":")[0] for fault in faults] == [
+        str(tmp_path / name) for name in ("b.png", "d.png")
+    ]
 
 
 def test_a_crop_acts_on_the_pictures_of_a_folder(tmp_path: Path) -> None:

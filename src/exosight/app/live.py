@@ -186,9 +186,7 @@ def opened(
         yield None
         return
     height, width = network.card.schema.image_size
-    with closing(
-        open_source(source, width, height, crop, lambda fault: say(f"not read: {fault}"))
-    ) as frames:
+    with closing(open_source(source, width, height, crop, lambda fault: say(f"not read: {fault}"))) as frames:
         yield frames, source.isdecimal()
 
 

@@ -39,6 +39,7 @@ def model_path(given: Path | None, system: str) -> Path:
         return given
     return SHIPPED_MODELS.get(system, DEFAULT_MODEL)
 
+
 _LARGEST = 1e20
 """Of what a network answers: no interval or share of a limit made from it overflows."""
 

@@ -75,7 +75,9 @@ def control(
     with results_folder(out) as folder:
         trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
         if folder is not None:
-            write_trials(trials, place and (str(place) if place == model else place.name), driven.camera, folder)
+            write_trials(
+                trials, place and (str(place) if place == model else place.name), driven.camera, folder
+            )
     if plot is not None:
         write_plot(plot_trials(trials), plot)
     show_or_write([trials_table(trials)], {"trials": summaries(trials)}, json)
