@@ -102,9 +102,12 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     ]
     own = control.load()["constant"]
     loop = [
-        [f"{controller}: {name}", *(control.settled(runs[controller][target]) for target in control.PAPER)]
-        + [" / ".join(f"{runs[controller][target]['overshoot_percent']:.0f}" for target in control.PAPER)]
-        + [" / ".join(control.percent(runs[controller][target]) for target in control.PAPER)]
+        [
+            f"{controller}: {name}",
+            *(control.settled(runs[controller][target]) for target in control.PAPER),
+            " / ".join(f"{runs[controller][target]['overshoot_percent']:.0f}" for target in control.PAPER),
+            " / ".join(control.percent(runs[controller][target]) for target in control.PAPER),
+        ]
         for controller in SETTLING
         for name, runs in (("published", own), ("index", found["constant"]))
     ]

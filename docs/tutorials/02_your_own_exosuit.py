@@ -124,4 +124,5 @@ for i, name in enumerate(SHAPES):
     print(f"{name}: true {forces[name][15]:.3f} N, estimated {estimate:.3f} N, OOD score {ood_score:.2f}")
 
 # %%
-# In the lab, for the five families: ``exosight lab --vary family=sine "r0=7 mm" a=-9``. To add a family to datasets: :doc:`/extending`.
+# In the lab, for the five families: ``exosight lab --vary family=sine "r0=7 mm" a=-9``. To add a family to
+# datasets: :doc:`/extending`.

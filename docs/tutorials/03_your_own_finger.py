@@ -94,6 +94,6 @@ at = simulate_path(worn, np.array([[LOAD]])).observation
 print(f"F_net at {LOAD} N: {at.readings[0, names.index('F_net')]:.3f} N")
 
 # %%
-# If the finger has been measured, fine-tune the network instead: ``exosight generate --system index --seed 7``
-# with its parameters, then ``exosight train --pretrained shipped --epochs 4``, which takes minutes
+# If the finger has been measured, fine-tune the network instead: ``exosight generate --system index --seed
+# 7`` with its parameters, then ``exosight train --pretrained shipped --epochs 4``, which takes minutes
 # (:doc:`/accuracy`).

@@ -24,7 +24,6 @@ from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.augment import augment
 from exosight.vision.scene import cover, picture
 
-
 _TOGETHER = 16
 """Systems observed in one call."""
 
@@ -150,7 +149,8 @@ def _observed(systems: Sequence[System], found: Equilibria) -> Observation:
         rows = np.minimum(np.arange(start, start + _TOGETHER), len(systems) - 1)
         some = stack_systems([systems[row] for row in rows])
         seen = observe(some, found.q[rows], tuple(memory[rows] for memory in found.history))
-        parts.append(jax.tree.map(lambda leaf, left=len(systems) - start: np.asarray(leaf)[:left], seen))
+        left = len(systems) - start
+        parts.append(jax.tree.map(lambda leaf, left=left: np.asarray(leaf)[:left], seen))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
 

@@ -24,7 +24,7 @@ CONTACTS_PUBLISHED = (
 
 
 def is_published(schema: Schema) -> bool:
-    """Whether a system is the paper's finger and exosuits, so that its results may stand beside the paper's."""
+    """Whether a system is the paper's finger and exosuits: its results may stand beside the paper's."""
     names = tuple(contact.name for contact in CONTACTS_PUBLISHED)
     return schema.system in ("published", "index", "index-friction") and schema.outputs == names
 

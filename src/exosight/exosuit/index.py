@@ -19,7 +19,7 @@ NAME = "index"
 NAME_WITH_FRICTION = "index-friction"
 POISSON = 0.5
 FRICTION_DRAWN = -0.3, 0.3
-"""Between which limits datasets of `index-friction` change the coefficient, unless they say otherwise: 0…0.6."""
+"""Limits of the change of the coefficient in datasets of `index-friction`, unless they say otherwise."""
 
 
 def index(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINAL_CAMERA) -> System:

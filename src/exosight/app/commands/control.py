@@ -37,8 +37,8 @@ def control(
         loop: what is driven
         targets: of the sensor [its unit]; default: half of its largest reading within the limits
         gains: K_P [channel's unit per sensor's]; default: half of what the steepest part of the path asks for
-        model: exported network, from `exosight train`, or 'shipped', the package's own for the system; without
-            it the sensor is the true reading
+        model: exported network, from `exosight train`, or 'shipped', the package's own for the system;
+            without it the sensor is the true reading
         out: folder for time series (CSV), figures (SVG), results and configuration (JSON); it must not exist
         plot: draw sensor and command of every trial over time, to a new file (PNG, PDF or SVG)
         json: write the results as JSON to a new file, or to stdout with "-", instead of a table

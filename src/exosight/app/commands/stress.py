@@ -44,8 +44,8 @@ def stress(
             controller alone; default: 5 for the published system's F_net, otherwise half of what the
             steepest part of the path asks for
         loop: what is driven; the `vary` tables of a system file are what may be wrong about it
-        model: exported network, from `exosight train`, or 'shipped', the package's own for the system; without
-            it the sensor is the true reading
+        model: exported network, from `exosight train`, or 'shipped', the package's own for the system;
+            without it the sensor is the true reading
         out: folder for summary (JSON), every episode (CSV) and figure (SVG); it must not exist
         json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
     """
