@@ -4,6 +4,8 @@ One structure of a robot, compiled once: a capsule over a plane, on slides along
 about its own axis, which is x for a block and y for a roller.
 """
 
+from collections.abc import Callable
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -11,11 +13,24 @@ from scipy.optimize import brentq
 
 from exosight import lie
 from exosight.errors import InputError
-from exosight.mechanics import Gravity, Link, MotionOptions, Prismatic, Revolute, Robot, Trajectories, evolve
+from exosight.mechanics import (
+    Circular,
+    Gauss,
+    Gravity,
+    Legendre,
+    Link,
+    MotionOptions,
+    Prismatic,
+    Revolute,
+    Robot,
+    Rod,
+    Trajectories,
+    evolve,
+)
 from exosight.mechanics.contact_damping import ContactDamping
 from exosight.mechanics.friction import SHEAR, friction
 from exosight.mechanics.rigid_contact import RigidContact
-from exosight.mechanics.surface_contact import Plane, Solids
+from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube
 from exosight.mechanics.tree import Tree
 
 G, MASS, RADIUS, LENGTH = 9.81, 0.1, 0.005, 0.03
@@ -129,6 +144,30 @@ def test_energy_of_sliding_is_kept_or_lost_to_friction(sliding: Trajectories) ->
     total = sliding.kinetic + sliding.potential + sliding.dissipated
     # Of 4.5e-3 J; lost sight of where a spring begins to slip, in steps that end up to 1e-9 m beyond.
     np.testing.assert_allclose(total, np.broadcast_to(total[:, :1], total.shape), atol=5e-6)
+
+
+def test_a_tube_is_damped_along_its_length(motion: Callable) -> None:
+    """k (L + r/2) δ d dδ/dt on a plane; the quadrature's end points stand for no length."""
+    points, depth, speed, line = Gauss(1, 2), 1e-4, 0.2, 3e5
+    radius = np.full(points.size, RADIUS)
+    rod = Rod(
+        "rod",
+        0.1,
+        Circular(radius),
+        young=3e5,
+        strains={"bend_y": Legendre(0)},
+        quadrature=points,
+        joint=Prismatic((0.0, 0.0, 1.0)),
+        mount=lie.translation(jnp.array([0.0, 0.0, RADIUS])),
+    )
+    plane = Plane(None, np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    contact = SolidContact(Tube("rod", radius), plane, np.array(line))
+    robot = Robot((rod,), (contact, ContactDamping(contact, 2.0)))
+    at = motion(robot, np.array([-depth, 0.0]))
+    found = robot.terms[1].resistance(robot, at, jnp.array([-speed, 0.0]))
+    expected = -line * (0.1 + RADIUS / 2) * depth * 2.0 * speed
+    assert float(found.force[0]) == pytest.approx(expected, rel=1e-12)
+    assert float(found.by_velocity[0, 0]) == pytest.approx(-expected / speed, rel=1e-12)
 
 
 @pytest.mark.parametrize("wrong", [-0.1, np.nan, np.inf])

@@ -99,7 +99,8 @@ def evolve(
     done       called with the number of robots finished, as they finish
     returns    Trajectories with batch shape (robots,)
 
-    Terms with a memory begin with that of their robot (`Robot.with_memories`).
+    Terms with a memory begin with that of their robot (`Robot.with_memories`) and take each step as a whole:
+    relaxation is of second order in it, and friction of first order where the direction of a slip turns.
 
     A robot whose motion cannot be continued says so in `converged` and stays where it is. Compiled once a
     structure and number of lanes. Raises InputError for what does not fit, and for a robot that has a

@@ -100,25 +100,19 @@ class TimeStepper:
             error = jnp.maximum(error, 0.5 * state.step * discrepancy)
         good, proposed = after_step(self.limits, state.step, error, TABLEAU.order)
         explicit, last = state.stage == 0, state.stage == TABLEAU.stages - 1
+        ended = self.remembering(solved, here, loads)
         shorter = after_divergence(self.limits, state.step)
         return _first_case(
             (found.diverged, self.rejected(state, shorter)),
             (~found.converged, state),
-            (explicit, self.started(solved, found, here, loads)),
+            (explicit, self.started(ended, found, here)),
             (~last, solved),
-            (good, self.accepted(solved, found, here, loads, proposed)),
+            (good, self.accepted(ended, found, here, proposed)),
             otherwise=self.rejected(state, proposed),
         )
 
-    def started(
-        self,
-        state: IntegrationState,
-        found: NewtonStep,
-        here: Linearization,
-        loads: Float[Array, " channels"],
-    ) -> IntegrationState:
+    def started(self, state: IntegrationState, found: NewtonStep, here: Linearization) -> IntegrationState:
         """The acceleration at the start is known: the first step begins."""
-        state = self.remembering(state, here, loads)
         first = first_step(self.limits, here.displacement(found.a))
         proposed = jnp.where(jnp.isinf(state.proposed), first, state.proposed)
         return self.with_step(self.with_energies(state, found, here)._replace(proposed=proposed))
@@ -128,7 +122,6 @@ class TimeStepper:
         state: IntegrationState,
         found: NewtonStep,
         here: Linearization,
-        loads: Float[Array, " channels"],
         proposed: Float[Array, ""],
     ) -> IntegrationState:
         """The step's last stage is the new point, and the first stage of the next step."""
@@ -138,7 +131,7 @@ class TimeStepper:
         time, end = state.time + state.step, self.interval.end
         # Where rotations or memories are rewritten, the acceleration is found anew, by the explicit stage.
         q, v, rewritten = wrap_rotations(self.robot, found.q, found.v)
-        state = self.remembering(self.with_energies(state, found, here), here, loads)
+        state = self.with_energies(state, found, here)
         return self.with_step(
             state._replace(
                 time=jnp.where(end - time < ROUND_OFF * self.interval.span, end, time),
@@ -173,7 +166,7 @@ class TimeStepper:
     def remembering(
         self, state: IntegrationState, here: Linearization, loads: Float[Array, " channels"]
     ) -> IntegrationState:
-        """What terms remember of a point that is just reached, and what they have lost on the way there."""
+        """What terms remember if a step ends here, and what they have lost on the way."""
         before = self.robot.with_memories(state.memories)
         after = self.robot.with_memories(before.remember(here.motion, loads))
         lost = state.energies.dissipated + after.dissipated() - before.dissipated()
