@@ -129,7 +129,7 @@ def steps() -> dict:
                 float(max(d for (u, _), d in apart.items() if round(u / 0.5, 6) % 1 == 0)), 3
             ),
             "largest difference of F_net at any load [mN]": round(float(max(apart.values())), 3),
-            "loads with a difference over 1 mN": sum(d > 1 for d in apart.values()),
+            "loads with a difference over 1 mN": sum(bool(d > 1) for d in apart.values()),
         }
     return result
 

@@ -52,6 +52,8 @@ gc.set_threshold(50_000, 20, 50)
 LONGEST = (
     *("test_docs.py", "app/test_study.py", "test_examples.py", "dataset/test_simulation.py"),
     *("exosuit/test_index.py", "control/test_any_system.py", "mechanics/test_neighbours.py"),
+    *("test_kill.py", "mechanics/test_timestep.py", "exosuit/test_design.py", "app/test_torchrun.py"),
+    *("mechanics/test_convergence.py", "app/test_bench.py", "learning/test_parallel.py"),
 )
 """Files that take longest, for few tests: begun last, one would keep a process when all else is done."""
 

@@ -2,9 +2,12 @@
 
 from collections.abc import Callable
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled import walk
 
 from exosight import lie
 from exosight.errors import InputError
@@ -22,9 +25,8 @@ from exosight.mechanics import (
     SolverOptions,
     State,
     drive,
-    walk,
 )
-from exosight.mechanics.friction import SHEAR, Friction, Held, friction
+from exosight.mechanics.friction import SHEAR, Friction, Held, Slip, friction
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.rod import STRAINS
 from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube
@@ -125,13 +127,18 @@ def test_derivatives_where_points_stick_and_slip(moved: float, evaluate: Callabl
     robot = Robot(bodies, (contact, friction(contact, 0.4, Tree(bodies))))
     q = np.random.default_rng(7).normal(size=robot.dofs) * 0.02
     q[-1] = -0.03
-    robot = robot.with_memories(robot.remember(walk(robot, jnp.asarray(q)), jnp.zeros(0)))
+    remember = eqx.filter_jit(lambda robot, q: robot.remember(walk(robot, q), jnp.zeros(0)))
+    robot = robot.with_memories(remember(robot, jnp.asarray(q)))
     q = q + moved * np.random.default_rng(1).normal(size=robot.dofs)
     term = robot.terms[1]
     assert isinstance(term, Friction)
-    slip = term.slip(
-        robot, walk(robot, jnp.asarray(q)), contact.pressing(robot, walk(robot, jnp.asarray(q))).force
-    )
+
+    @eqx.filter_jit
+    def slipped(term: Friction, robot: Robot, q: jax.Array) -> Slip:
+        motion = walk(robot, q)
+        return term.slip(robot, motion, contact.pressing(robot, motion).force)
+
+    slip = slipped(term, robot, jnp.asarray(q))
     pressed = np.asarray(slip.length) * np.asarray(slip.held) > 0
     assert (np.asarray(slip.held)[pressed] < 1).any() == (moved > 1e-3)
     here, step = evaluate(robot, q, np.zeros(0))[0].jacobian, 1e-7

@@ -7,10 +7,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled import walk
 from scipy.optimize import minimize
 
 from exosight import lie
-from exosight.mechanics import Gravity, Link, Prismatic, Revolute, Robot, drive, walk
+from exosight.mechanics import Gravity, Link, Prismatic, Revolute, Robot, drive
 from exosight.mechanics.cones import Cones, between, closest_pair
 from exosight.mechanics.evaluator import program_of
 from exosight.mechanics.rigid_contact import RigidContact

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled import walk
 
 from exosight import lie
 from exosight.mechanics import (
@@ -15,7 +16,6 @@ from exosight.mechanics import (
     Robot,
     Spherical,
     evolve,
-    walk,
 )
 from exosight.mechanics.equation_of_motion import spatial_inertia
 from exosight.mechanics.joint import Joint

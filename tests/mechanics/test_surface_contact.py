@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled import contacts, touching, walk, wrench
 from scipy.integrate import quad
 from scipy.optimize import minimize_scalar
 
 from exosight import lie
-from exosight.mechanics import Circular, Gauss, Link, NodalQuadratic, Revolute, Robot, Rod, walk
+from exosight.mechanics import Circular, Gauss, Link, NodalQuadratic, Revolute, Robot, Rod
 from exosight.mechanics.rod import STRAINS
 from exosight.mechanics.surface_contact import (
     Plane,
@@ -19,7 +20,6 @@ from exosight.mechanics.surface_contact import (
     Solids,
     Term,
     Tube,
-    contacts,
     line_stiffness,
 )
 from exosight.mechanics.tree import Tree
@@ -88,11 +88,11 @@ def finger_pose(finger: tuple[Robot, SolidContact]) -> np.ndarray:
     robot, contact = finger
     q = np.random.default_rng(7).normal(size=robot.dofs) * 0.02
     q[-1] = -0.03
-    at = contact.contacts(robot, walk(robot, jnp.asarray(q)).pose)
+    at = touching(contact, robot, jnp.asarray(q))
     share = np.asarray(at.share[1])
     assert ((share > 0.02) & (share < 0.48) & (np.asarray(at.overlap) > 0)).any(), share
     for plane in robot.terms[1:]:
-        assert (np.asarray(plane.contacts(robot, walk(robot, jnp.asarray(q)).pose).overlap) > 1e-5).any()
+        assert (np.asarray(touching(plane, robot, jnp.asarray(q)).overlap) > 1e-5).any()
     return q
 
 
@@ -136,7 +136,7 @@ def curl(request: pytest.FixtureRequest) -> tuple[Robot, np.ndarray]:
     q = np.random.default_rng(0).normal(size=robot.dofs) * 0.02
     bend = [name for name, _ in soft.strains].index("bend_y") * 9
     q[bend : bend + 9] += [0, 0, 0, 6.5, 15.5, 6.5, 0, 0, 0]
-    assert (np.asarray(own.closest(robot, walk(robot, jnp.asarray(q)).pose).overlap) > 1e-4).sum() >= 2
+    assert (np.asarray(touching(own, robot, jnp.asarray(q)).overlap) > 1e-4).sum() >= 2
     return robot, q
 
 
@@ -147,17 +147,16 @@ def test_derivatives_of_a_rod_on_itself(curl: tuple, evaluate: Callable) -> None
 def test_a_rod_on_itself_has_no_force_as_a_whole(curl: tuple, evaluate: Callable) -> None:
     """Wrenches of all frames sum to zero: the energy does not change when the whole moves."""
     robot, q = curl
-    motion = walk(robot, jnp.asarray(q))
-    wrench = robot.terms[0].bind(robot)(jnp.asarray(q), motion, jnp.zeros(0)).wrench
-    assert float(jnp.abs(wrench).max()) > 1e-2
-    np.testing.assert_allclose(np.asarray(wrench).sum(axis=0), 0, atol=1e-14 * float(jnp.abs(wrench).sum()))
+    found = np.asarray(wrench(robot, jnp.asarray(q), jnp.zeros(0)))
+    assert np.abs(found).max() > 1e-2
+    np.testing.assert_allclose(found.sum(axis=0), 0, atol=1e-14 * np.abs(found).sum())
 
 
 def test_the_closest_place_is_the_closest(curl: tuple) -> None:
     """Against a search along the whole curve beyond what a point may touch."""
     robot, q = curl
     motion, contact = walk(robot, jnp.asarray(q)), robot.terms[0]
-    at = contact.closest(robot, motion.pose)
+    at = touching(contact, robot, jnp.asarray(q))
     pose, soft = np.asarray(motion.pose), robot["rod"]
     s, radius = LENGTH * soft.quadrature.points, np.asarray(soft.section.radius)
     direction, position = pose[:, :3, 0], pose[:, :3, 3]
@@ -175,8 +174,8 @@ def test_the_closest_place_is_the_closest(curl: tuple) -> None:
         thick = a * radius[j] + b * h[j] * slopes[j] + c * radius[j + 1] + d * h[j] * slopes[j + 1]
         return float(np.linalg.norm(point - centre) - thick)
 
-    touching = np.flatnonzero(np.asarray(at.overlap) > 0)
-    for i in touching:
+    pressed = np.flatnonzero(np.asarray(at.overlap) > 0)
+    for i in pressed:
         first = int(np.argmax(s - s[i] > FAR * (radius[i] + radius)))
         least = min(
             minimize_scalar(
@@ -230,7 +229,7 @@ def test_the_force_of_a_line_does_not_depend_on_the_points(points: Gauss) -> Non
     bar = Link("bar", 1.0, jnp.array([[-0.5, 0.0, -0.0149]]))
     robot = Robot((soft, bar), ())
     contact = SolidContact(Tube("rod", radius), solids, jnp.array(STIFFNESS))
-    at = contact.contacts(robot, walk(robot, jnp.zeros(robot.dofs)).pose)
+    at = touching(contact, robot, jnp.zeros(robot.dofs))
     force = np.asarray(contact.pressure(robot, at))
     assert force.sum() == pytest.approx(STIFFNESS * 1e-4 * (LENGTH + 0.5 * 0.005), rel=1e-10)
 
@@ -242,7 +241,7 @@ def test_a_tube_that_lies_on_a_plane() -> None:
     floor = Plane(None, jnp.asarray(-0.0049 * up), jnp.asarray(2 * up))
     contact = SolidContact(Tube("rod", jnp.full(FINE.size, 0.005)), floor, jnp.array(STIFFNESS))
     robot = Robot((soft,), (contact,))
-    at = contact.contacts(robot, walk(robot, jnp.zeros(robot.dofs)).pose)
+    at = touching(contact, robot, jnp.zeros(robot.dofs))
     assert float(contact.pressure(robot, at).sum()) == pytest.approx(
         STIFFNESS * 1e-4 * (LENGTH + 0.5 * 0.005)
     )
@@ -260,10 +259,10 @@ def test_contact_made_within_a_step_is_seen() -> None:
     step = np.zeros(robot.dofs)
     step[-2] = -0.3
     motion = walk(robot, jnp.zeros(robot.dofs))
-    assert (np.asarray(contact.contacts(robot, motion.pose).overlap) < -1e-3).all()
+    assert (np.asarray(touching(contact, robot, jnp.zeros(robot.dofs)).overlap) < -1e-3).all()
     share = float(contact.max_step_fraction(robot, motion, jnp.asarray(step)))
     assert 0.05 < share < 0.95
-    after = contact.contacts(robot, walk(robot, jnp.asarray(share * step)).pose)
+    after = touching(contact, robot, jnp.asarray(share * step))
     # 0.3 % of some 10 mm beyond, and what the way to it is bent by the turn.
     assert abs(float(jnp.max(after.overlap))) < 2e-4
 

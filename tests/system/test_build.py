@@ -7,12 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiled import walk
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from exosight.errors import InputError
-from exosight.mechanics import PressureLine, Rod, drive, walk
+from exosight.mechanics import PressureLine, Rod, drive
 from exosight.mechanics.rod import STRAINS
 from exosight.system.description import Strain
 from exosight.system.observation import Observation, contact_forces, observe_state
@@ -25,9 +26,6 @@ Make = Callable[..., System]
 
 RANGE = 'range = ["-2 N", "4 N"]'
 MOUNT = 'position = ["0 mm", "0 mm", "15 mm"]'
-
-
-walked = eqx.filter_jit(walk)
 
 
 @eqx.filter_jit
@@ -48,7 +46,7 @@ def test_links_move_by_closed_form_kinematics(system: Make) -> None:
     q[robot.dof_slice("base")], q[robot.dof_slice("tip")] = a, b
     pads = next(each for each in small.surfaces if each.name == "pads")
     assert isinstance(pads, SphereSurface)
-    found = np.asarray(walked(robot, jnp.asarray(q)).position)[list(pads.spheres.index(robot))]
+    found = np.asarray(walk(robot, jnp.asarray(q)).position)[list(pads.spheres.index(robot))]
     # A positive angle about y turns x towards −z.
     along, then = np.array([np.cos(a), 0, -np.sin(a)]), np.array([np.cos(a + b), 0, -np.sin(a + b)])
     expected = [0.02 * along, 0.04 * along, 0.04 * along + 0.015 * then, 0.04 * along + 0.03 * then]
@@ -59,7 +57,7 @@ def test_links_move_by_closed_form_kinematics(system: Make) -> None:
 def test_rotation_vector_turns_the_base(system: Make) -> None:
     vector = np.deg2rad([30.0, -20.0, 50.0])
     turned = system((MOUNT, f'{MOUNT}\nrotation = ["30 deg", "-20 deg", "50 deg"]'))
-    pose = np.asarray(walked(turned.robot, jnp.zeros(turned.robot.dofs))["soft"].pose)
+    pose = np.asarray(walk(turned.robot, jnp.zeros(turned.robot.dofs))["soft"].pose)
     rotation = Rotation.from_rotvec(vector).as_matrix()
     np.testing.assert_allclose(pose[0, :3, :3], rotation, atol=1e-14)
     np.testing.assert_allclose(pose[-1, :3, 3], [0, 0, 0.015] + 0.08 * rotation[:, 0], atol=1e-14)
@@ -102,7 +100,7 @@ def test_a_heavy_rod_sags_as_euler_and_bernoulli_say(system: Make) -> None:
         ('name = "small"', 'name = "small"\ngravity = ["0 m/s^2", "0 m/s^2", "-9.81 m/s^2"]'),
     )
     q = drive([heavy.robot], np.zeros((1, 1))).q[0, 0]
-    tip = np.asarray(walked(heavy.robot, jnp.asarray(q))["soft"].pose)[-1, 2, 3] - 0.015
+    tip = np.asarray(walk(heavy.robot, jnp.asarray(q))["soft"].pose)[-1, 2, 3] - 0.015
     area, second = np.pi * radius**2, np.pi * radius**4 / 4
     sag = density * area * 9.81 * length**4 / (8 * young * second)
     # The curvature is quadratic, which the basis holds, and slopes are 5e-5, so that small angles hold;
@@ -115,7 +113,7 @@ def test_what_the_rod_feels_is_what_the_links_feel(system: Make, load: float) ->
     small = system()
     found = simulate_system(small, np.array([[load]]))
     seen, _ = pressed(small, jnp.asarray(found.equilibria.q[0]))
-    motion = walked(small.robot, jnp.asarray(found.equilibria.q[0]))
+    motion = walk(small.robot, jnp.asarray(found.equilibria.q[0]))
     on_first, on_second = small.contact_terms[0].forces(small.robot, motion.position)
     np.testing.assert_allclose(on_first.sum(axis=0), -on_second.sum(axis=0), atol=1e-13)
     # Zones near and far share no sphere and hold all four, so their vectors sum to the reaction.
