@@ -296,7 +296,7 @@ def test_files_and_the_command_can_be_saved(open_page: Callable[..., Page], tmp_
         waiting.value.save_as(file)
         assert file.read_bytes().startswith(start)
     assert (tmp_path / "exosight-pose.svg").read_text().count("var(") == 0
-    assert page.locator("#command").input_value() == "exosight lab"
+    assert page.locator("#command").input_value() == "exosight lab --system published"
 
 
 def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page], tmp_path: Path) -> None:
@@ -363,13 +363,15 @@ def test_the_address_keeps_the_settings_and_their_history(open_page: Callable[..
     target.press("Enter")
     expect(page).to_have_url(re.compile("#tab=loop&.*loop.target=0.21&loop.law=proportional&drive=2.4$"))
     page.reload()
-    expect(page.locator("#command")).to_have_value("exosight lab --vary family=sine --zoom 1.04")
+    expect(page.locator("#command")).to_have_value(
+        "exosight lab --system published --vary family=sine --zoom 1.04"
+    )
     expect(page.get_by_label("Law")).to_have_value("proportional")
     expect(target).to_have_value("0.21")
     page.go_back()
     expect(page.locator("#explore")).to_be_visible()
     page.go_back()
-    expect(page.locator("#command")).to_have_value("exosight lab --vary family=sine")
+    expect(page.locator("#command")).to_have_value("exosight lab --system published --vary family=sine")
     expect(zoom).to_have_value("100")
     page.go_forward()
     expect(zoom).to_have_value("104")
@@ -393,7 +395,7 @@ def test_an_address_that_does_not_fit_is_told_and_left(open_page: Callable[..., 
         page.goto(f"{address}/#{text}")
         expect(page.locator("#stale")).to_contain_text(words)
     expect(page).to_have_url(f"{address}/")
-    expect(page.locator("#command")).to_have_value("exosight lab")
+    expect(page.locator("#command")).to_have_value("exosight lab --system published")
     page.get_by_label("Family").select_option("sine")
     expect(page.locator("#stale")).to_be_hidden()
 

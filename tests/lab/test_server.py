@@ -97,7 +97,7 @@ def test_a_view_is_answered_with_picture_readings_guard_and_command(
     seen = compute_view(View(drive=((4.0,), (2.4,))), lab)
     net = float(seen.observation.readings[lab.schema.index("F_net")])
     assert told["readings"]["F_net"] == pytest.approx(net, abs=1e-5)
-    assert told["command"] == "exosight lab --drive 4 2.4"
+    assert told["command"] == "exosight lab --system published --drive 4 2.4"
     assert told["guard"]["state"] == "normal"
     assert client.post("/api/view", json={"drive": [[1], [0.5], [0.75]]}).json()["drive"] == [[0.75]]
     assert client.post("/api/view", json={}).json()["drive"] == []
