@@ -123,7 +123,6 @@ def test_commands_that_show_one_image_refuse_it(
     monkeypatch.setattr("exosight.control.estimator.open_model", lambda path, threads: (None, card(paths)))
     for words in (
         ("estimate", tmp_path / "image.png"),
-        ("replay", tmp_path / "run.h5"),
         ("stress", "--episodes", 1),
     ):
         sentence = refused(*words, "--model", tmp_path / "model.onnx")

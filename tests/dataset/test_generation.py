@@ -351,7 +351,7 @@ def test_while_it_is_mended_it_is_no_dataset(whole: Path, monkeypatch: pytest.Mo
 @pytest.mark.parametrize("content", ["", "[1]", "{}", "nul", "[" * 100_000, " " * 9_000_000, "\x00"])
 def test_a_damaged_job_is_said(whole: Path, content: str) -> None:
     (whole / "job.json").write_text(content)
-    with pytest.raises(DataError, match=r"job\.json: damaged"):
+    with pytest.raises(DataError, match=r"job\.json: .*not the file of a job; name a new folder"):
         generate(CONFIG, whole, resume=True)
 
 

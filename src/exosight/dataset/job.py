@@ -166,7 +166,7 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def _check_same(path: Path, job: GenerationJob) -> None:
     """Raise unless a job's file says what this job is."""
-    content = read_file(path, LARGEST_JOB, "expected the job of a dataset")
+    content = read_file(path, LARGEST_JOB, "it is not the file of a job; name a new folder")
     try:
         found = json.loads(content)
     except (ValueError, RecursionError):
