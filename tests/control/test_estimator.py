@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import onnx
 import pytest
+from cards import made_up
 from closed_form import CARD, closed_form, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -176,3 +177,20 @@ def test_answers_that_are_not_finite_are_refused(tmp_path: Path):
     estimator = OnnxEstimator.load(write(tmp_path / "model.onnx", model))
     with pytest.raises(DataError, match="not finite"):
         estimator.estimate(np.zeros((1, 6, 8), np.uint8))
+
+
+def test_large_images_are_answered_in_smaller_groups():
+    """A layer of 96 numbers a pixel, the most that a file may have, then takes 0.4 GB at any size."""
+    counts: list[int] = []
+
+    class Session:
+        def run(self, names: list[str], given: dict[str, np.ndarray]) -> list[np.ndarray]:
+            counts.append(len(given["image"]))
+            rows = np.zeros((counts[-1], 7), np.float32)
+            return [rows, rows, rows, rows[:, 0]]
+
+    for (height, width), largest in (((128, 128), 64), ((480, 640), 3), ((2000, 2000), 1)):
+        counts.clear()
+        OnnxEstimator(Session(), made_up(height, width)).read(np.zeros((5, height, width), np.uint8))
+        assert sum(counts) == 5
+        assert max(counts) == min(5, largest)

@@ -10,7 +10,7 @@ from jaxtyping import Float32, UInt8
 
 from exosight.errors import DataError, InputError
 from exosight.learning.intervals import interval
-from exosight.learning.model_file import BATCH, OUTPUTS, ModelCard, open_model
+from exosight.learning.model_file import OUTPUTS, ModelCard, images_at_once, open_model
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.outputs import nonnegative
 
@@ -161,8 +161,9 @@ class OnnxEstimator:
         check_inputs(images, inputs, card.history, card.channels)
         found = np.empty((3, len(images), len(card.schema.outputs)), np.float32)
         ood_score = np.empty(len(images), np.float32)
-        for start in range(0, len(images), BATCH):
-            part = slice(start, start + BATCH)
+        together = images_at_once(*size)
+        for start in range(0, len(images), together):
+            part = slice(start, start + together)
             own = ModelInputs(*(None if x is None else x[part] for x in (inputs.history, inputs.commands)))
             given = {"image": stacked(images[part], own).astype(np.float32) / np.float32(255)}
             if own.commands is not None:

@@ -33,7 +33,16 @@ each, probability of contact; and one number an image, its OOD score."""
 
 
 BATCH = 64
-"""Images that a network answers at once: at 128×128 the paper network's first layer then holds 260 MB."""
+"""Images of up to 128×128 pixels that a network answers at once, see `images_at_once`."""
+
+
+def images_at_once(height: int, width: int) -> int:
+    """So many of this size that the networks' layers hold a gigabyte at most: 64 of 128×128 pixels.
+
+    Of these the paper network's first layer takes 260 MB. At least one.
+    """
+    return max(1, min(BATCH, BATCH * 128**2 // (height * width)))
+
 
 Text = Annotated[str, pydantic.Field(max_length=10_000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
 Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
