@@ -132,5 +132,11 @@ def test_no_picture_at_all_is_refused(capsys: pytest.CaptureFixture[str]) -> Non
     assert "estimate" in capsys.readouterr().err
 
 
+def test_a_system_without_a_network_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["estimate", "image.png", "--system", "indx"])
+    assert "system: expected published, index, index-friction, got 'indx'" in capsys.readouterr().err
+
+
 def test_the_models_and_their_weights_are_small() -> None:
     assert all(path.stat().st_size < 5e6 for path in SHIPPED_MODELS.values())

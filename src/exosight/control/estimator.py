@@ -40,6 +40,11 @@ def model_path(given: Path | None, system: str) -> Path:
     return SHIPPED_MODELS.get(system, DEFAULT_MODEL)
 
 
+def model_name(path: Path) -> str:
+    """What results call a network: its path, or of the package's own the name of its file."""
+    return path.name if path in SHIPPED_MODELS.values() else str(path)
+
+
 _LARGEST = 1e20
 """Of what a network answers: no interval or share of a limit made from it overflows."""
 

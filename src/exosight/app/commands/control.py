@@ -56,7 +56,7 @@ def control(
     from exosight.app.nominal import nominal_system
     from exosight.app.plots import plot_trials, write_plot
     from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials, true_reading
-    from exosight.control.estimator import model_path
+    from exosight.control.estimator import model_name, model_path
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.catalogue import find_system
     from exosight.exosuit.published import PublishedDesigns
@@ -75,9 +75,7 @@ def control(
     with results_folder(out) as folder:
         trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
         if folder is not None:
-            write_trials(
-                trials, place and (str(place) if place == model else place.name), driven.camera, folder
-            )
+            write_trials(trials, place and model_name(place), driven.camera, folder)
     if plot is not None:
         write_plot(plot_trials(trials), plot)
     show_or_write([trials_table(trials)], {"trials": summaries(trials)}, json)

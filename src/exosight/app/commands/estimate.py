@@ -51,11 +51,15 @@ def estimate(
     """
     check_json_target(json)
     check_plot(plot)
-    from exosight.control.estimator import OnnxEstimator, model_path, shown_score
+    from exosight.control.estimator import SHIPPED_MODELS, OnnxEstimator, model_path, shown_score
     from exosight.vision.pictures import read_gray
 
     if not images:
         raise InputError("estimate: expected at least one picture, got none; see exosight estimate --help")
+    if system not in SHIPPED_MODELS:
+        raise InputError(
+            f"system: expected {', '.join(SHIPPED_MODELS)}, got {system!r}; for another give --model alone"
+        )
     estimator = OnnxEstimator.load(model_path(model, system), alone=True)
     schema = estimator.card.schema
     height, width = estimator.card.schema.image_size

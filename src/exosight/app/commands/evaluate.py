@@ -41,7 +41,7 @@ def evaluate(
     from exosight.app.evaluation import evaluate as run
     from exosight.app.evaluation import write_evaluation
     from exosight.app.plots import write_plot
-    from exosight.control.estimator import OnnxEstimator, model_path
+    from exosight.control.estimator import OnnxEstimator, model_name, model_path
     from exosight.evaluation.figures import sample_traces
 
     with results_folder(out) as folder:
@@ -51,7 +51,7 @@ def evaluate(
         found = run(estimator, loaded, seed)
         say(found.frames)
         if folder is not None:
-            about = {"model": str(place if place == model else place.name), "data": str(data), "seed": seed}
+            about = {"model": model_name(place), "data": str(data), "seed": seed}
             write_evaluation(found, about, estimator, folder)
     if plot is not None:
         write_plot(sample_traces(found.schema, found.true, found.estimated), plot)

@@ -48,7 +48,7 @@ def lab(
         model: network that reads the pictures; by default the package's own for the system
         vary: values of the design, as NAME=VALUE: of a system file the entries that vary; of a preset the
             family of its shape, its parameters (r0, r1, a, b_0 …), length, young, gap, finger_length,
-            finger_radius and joint_stiffness
+            finger_radius and joint_stiffness, with friction also friction
         drive: commands driven to one after the other, from rest, one a channel for each stop [the channels'
             units]; the last stop is seen. By default 60 % of the first channel's peak
         host: name or address to listen on
