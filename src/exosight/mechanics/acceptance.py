@@ -3,13 +3,14 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax.scipy.linalg import cho_solve, lu_factor, lu_solve
+from jax.scipy.linalg import lu_factor, lu_solve
 from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics import branch
 from exosight.mechanics.continuation_state import ALONG, TO_LOAD, ContinuationState
 from exosight.mechanics.energy import Evaluation
+from exosight.mechanics.evaluator import Solve
 from exosight.mechanics.metric import Metric
 
 LONGEST = 0.06
@@ -25,10 +26,15 @@ CORRECTIONS = 10
 """Newton steps before a step along the branch is taken back."""
 
 
+STIFFENING = 1e3
+"""σ: what ∇²Π is made stiffer by along the branch, relative to the metric; more than it may fall below zero."""
+
+
 class Problem(NamedTuple):
     """What stays the same on the whole path; `conservative`: Π exists."""
 
     metric: Metric
+    solve: Solve
     conservative: bool
     tolerance: Float[AnyArray, ""]
     max_iterations: Int[AnyArray, ""]
@@ -64,7 +70,9 @@ class Point(NamedTuple):
 
     newton       −(∂∇Π/∂q)⁻¹ ∇Π
     response     dq/du of each channel
+    bordered     of the equations with the length along the branch given, if ALONG
     stable       ∇²Π is positive definite, or with friction det ∂∇Π/∂q > 0; true without an energy
+    solved       whether `bordered` means anything
     converged    the residual is within tolerance
     """
 
@@ -73,37 +81,63 @@ class Point(NamedTuple):
     residual: Float[AnyArray, ""]
     newton: Float[AnyArray, " dofs"]
     response: Float[AnyArray, "dofs channels"]
+    bordered: branch.Bordered
     stable: Bool[AnyArray, ""]
+    solved: Bool[AnyArray, ""]
     converged: Bool[AnyArray, ""]
 
 
 def linearise(
-    problem: Problem, q: Float[AnyArray, " dofs"], here: Evaluation, residual: Float[AnyArray, ""]
+    state: ContinuationState,
+    problem: Problem,
+    segment: Segment,
+    q: Float[AnyArray, " dofs"],
+    here: Evaluation,
+    residual: Float[AnyArray, ""],
 ) -> Point:
-    """Newton's step and the response to loads at q, from one factorisation."""
-    metric, tolerance = problem.metric, problem.tolerance
-    right = jnp.concatenate([here.gradient[:, None], here.load_gradient.T], axis=1)
-    if problem.conservative:
-        if here.coupling is None:
-            factor = jnp.linalg.cholesky(here.hessian)
-            stable = jnp.all(jnp.isfinite(factor))
-            solved = -cho_solve((jnp.where(stable, factor, metric.factor), True), right)
-        else:  # the flow turns away where a real eigenvalue becomes negative
-            lu, pivots = lu_factor(here.jacobian)
-            swaps = jnp.sum(pivots != jnp.arange(len(q)))
-            negative = jnp.sum(jnp.diag(lu) < 0)
-            stable = ((swaps + negative) % 2 == 0) & jnp.all(jnp.isfinite(lu))
-            by_metric = cho_solve((metric.factor, True), right)
-            solved = -jnp.where(stable, lu_solve((lu, pivots), right), by_metric)
-    else:  # no energy whose minimum it could be: any solution of the equations will do
-        stable = jnp.array(True)
-        solved = -jnp.linalg.solve(here.hessian, right)
-    newton = solved[:, 0]
+    """Newton's steps and responses at q, from one factorisation.
+
+    Along a branch it is that of A = J + σ c cᵀ (`branch.bordered`), from which follow, by the formulas of
+    Sherman and Morrison, J⁻¹ and the sign of det J = det A (1 − σ cᵀA⁻¹c).
+    """
+    metric, tolerance, along = problem.metric, problem.tolerance, state.phase == ALONG
+    c = branch.across(metric, state.anchor)
+    weight = jnp.where(along, STIFFENING, 0.0)
+    right = jnp.concatenate([-here.gradient[:, None], -here.load_gradient.T, weight * c[:, None]], axis=1)
+    solved, sign = _factorised(problem, here, here.jacobian + weight * c[:, None] * c, right)
+    by_c, left = solved[:, -1], 1 - c @ solved[:, -1]
+    stable = sign * left > 0
+    bordered = branch.bordered(
+        c,
+        solved[:, 0],
+        solved[:, 1:-1] @ segment.span,
+        by_c,
+        state.s - c @ (q - state.anchor.q),
+    )
+    free = solved[:, :-1] + by_c[:, None] * (c @ solved[:, :-1]) / left
+    free = jnp.where(stable, free, 0.0)
+    newton = free[:, 0]
     step = metric.size(newton) / (metric.size(q) + metric.unit)
     # A stiff system's residual may end above the tolerance by round-off alone, but not its Newton step.
     converged = (residual < tolerance) & ((step <= 10 * tolerance) | ~stable)
     converged = converged | (stable & (step <= 1e-3 * tolerance))
-    return Point(q, here, residual, newton, solved[:, 1:], stable, converged)
+    return Point(q, here, residual, newton, free[:, 1:], bordered, stable, along & (sign != 0), converged)
+
+
+def _factorised(
+    problem: Problem, here: Evaluation, matrix: Float[AnyArray, "dofs dofs"], right: AnyArray
+) -> tuple[Float[AnyArray, "dofs right"], AnyArray]:
+    """matrix⁻¹ right, and the sign of its determinant; 0 where it has no solution that is of use."""
+    if not problem.conservative:  # no energy whose minimum it could be: any solution of the equations will do
+        return jnp.linalg.solve(matrix, right), jnp.array(1.0)
+    if here.coupling is None:
+        solved, definite = problem.solve(matrix, right)
+        return solved, jnp.where(definite, 1.0, 0.0)
+    # The flow turns away where a real eigenvalue becomes negative.
+    lu, pivots = lu_factor(matrix)
+    swaps = jnp.sum(pivots != jnp.arange(len(matrix)))
+    odd = (swaps + jnp.sum(jnp.diag(lu) < 0)) % 2
+    return lu_solve((lu, pivots), right), jnp.where(jnp.all(jnp.isfinite(lu)), 1.0 - 2 * odd, 0.0)
 
 
 class Verdict(NamedTuple):
@@ -126,7 +160,6 @@ class Verdict(NamedTuple):
     unstable: Bool[AnyArray, ""]
     corner: Float[AnyArray, ""]
     tangent: Float[AnyArray, " dofs"]
-    bordered: branch.Bordered
 
 
 def judge(state: ContinuationState, problem: Problem, segment: Segment, point: Point) -> Verdict:
@@ -141,8 +174,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
     rough = to_load & (state.t < 1) & (point.residual < ROUGH)
     settled = (point.converged | rough) & point.stable
     # … and along the branch.
-    by_t = segment.span @ point.here.load_gradient
-    solved = branch.bordered(metric, anchor, point.q, point.here, by_t, state.s)
+    solved = point.bordered
     unit = anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300)
     alike = ~branch.unlike(metric, change, unit * state.s, solved.dq * state.s, point.q)
     tangent = jnp.where(along, solved.dq, by_load)
@@ -154,8 +186,9 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
         | circling
         | (state.tries + 1 >= CORRECTIONS)
         | ~jnp.isfinite(point.residual)
+        | (along & ~point.solved)
     )
-    on_branch = point.residual < ROUGH
+    on_branch = (point.residual < ROUGH) & point.solved
     rising, turned = point.stable & (solved.dt > 0), solved.dt < 0
     good = along & on_branch & alike
     onwards = jnp.where(along, good & rising & (state.t < 1), settled)
@@ -170,7 +203,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
     if not problem.conservative:
         lost = lost | (to_load & failed & (dt < 1e-5))
     passed = good & rising & (state.t >= 1)
-    return Verdict(arrived, at_load, lost, failed, passed, good & turned, corner, tangent, solved)
+    return Verdict(arrived, at_load, lost, failed, passed, good & turned, corner, tangent)
 
 
 def _two_cycle(

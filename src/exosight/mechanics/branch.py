@@ -13,7 +13,6 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float
 
 from exosight.arrays import AnyArray
-from exosight.mechanics.energy import Evaluation
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.term import Memories
 
@@ -82,26 +81,30 @@ class Bordered(NamedTuple):
     dt: Float[AnyArray, ""]
 
 
+def across(metric: Metric, anchor: Anchor) -> Float[AnyArray, " dofs"]:
+    """c = M v/|v|, v the anchor's tangent: cᵀ(q − q_anchor) is the length s along it."""
+    return metric.matrix @ (anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300))
+
+
 def bordered(
-    metric: Metric,
-    anchor: Anchor,
-    q: Float[AnyArray, " dofs"],
-    here: Evaluation,
+    c: Float[AnyArray, " dofs"],
+    newton: Float[AnyArray, " dofs"],
     by_t: Float[AnyArray, " dofs"],
-    s: Float[AnyArray, ""],
+    by_c: Float[AnyArray, " dofs"],
+    missing: Float[AnyArray, ""],
 ) -> Bordered:
-    """∇Π = 0 and cᵀ(q − q_anchor) = s, linearised; c = M v/|v|, v the anchor's tangent."""
-    n, jacobian = len(q), here.jacobian
-    c = metric.matrix @ (anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300))
-    top = jnp.concatenate([jacobian, by_t[:, None]], axis=1)
-    bottom = jnp.concatenate([c, jnp.zeros(1)])[None]
-    right = jnp.zeros((n + 1, 2)).at[:n, 0].set(-here.gradient).at[n, 0].set(s - c @ (q - anchor.q))
-    # Rows and columns of very different units: the last ones are scaled to the size of the others.
-    scale = jnp.maximum(jnp.linalg.norm(by_t), 1e-300) / jnp.maximum(jnp.linalg.norm(jacobian), 1e-300)
-    matrix = jnp.concatenate([top, bottom]).at[:, n].multiply(1 / jnp.where(scale > 0, scale, 1.0))
-    solved = jnp.linalg.solve(matrix, right.at[n, 1].set(1.0))
-    solved = solved.at[n].multiply(1 / jnp.where(scale > 0, scale, 1.0))
-    return Bordered(solved[:n, 0], solved[n, 0], solved[:n, 1], solved[n, 1])
+    """∇Π = 0 and cᵀ(q − q_anchor) = s, linearised.
+
+    With A = ∂∇Π/∂q + σ c cᵀ, regular at a fold too, in the place of ∂∇Π/∂q, as cᵀq is known:
+
+    newton, by_t   −A⁻¹ ∇Π, −A⁻¹ ∂∇Π/∂t
+    by_c           A⁻¹ σ c
+    missing        s − cᵀ(q − q_anchor)
+    """
+    steepness = c @ by_t
+    newton = newton + by_c * missing
+    t, dt = (missing - c @ newton) / steepness, (1 - c @ by_c) / steepness
+    return Bordered(newton + by_t * t, t, by_c + by_t * dt, dt)
 
 
 class Bracket(NamedTuple):

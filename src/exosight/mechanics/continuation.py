@@ -44,7 +44,7 @@ def stepper(
 ) -> Callable[[ContinuationState], ContinuationState]:
     """The function that takes a robot one evaluation further; only the first `count` loads are meant."""
     metric = Metric.of(robot)
-    problem = Problem(metric, robot.conservative, tolerance, max_iterations)
+    problem = Problem(metric, evaluator.solve, robot.conservative, tolerance, max_iterations)
 
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
@@ -58,11 +58,11 @@ def stepper(
             (moved.q, moved.here, moved.residual),
             (q, there, residual),
         )
-        point = linearise(problem, q, here, residual)
+        point = linearise(state, problem, segment, q, here, residual)
         verdict = judge(state, problem, segment, point)
         flow, shift = _flow(problem, moved, point, descending & accepted & ~verdict.arrived)
         tangent = point.response @ jnp.where(verdict.at_load, segment.following, segment.span)
-        correction = jnp.where(state.phase == ALONG, verdict.bordered.q, point.newton)
+        correction = jnp.where(state.phase == ALONG, point.bordered.q, point.newton)
         taken = jnp.where(verdict.arrived, tangent, jnp.where(descending, flow, correction))
         free = evaluator.step_fraction(pose, taken)
         by_t = segment.span @ here.load_gradient
@@ -90,7 +90,7 @@ def _flow(
         shortened = jnp.minimum(1.0, moved.radius / jnp.maximum(metric.size(point.newton), 1e-300))
         return point.newton * shortened, moved.shift
     saddle = point.converged & ~point.stable
-    return descent.direction(moved, metric, point.newton, point.stable, saddle, wanted)
+    return descent.direction(moved, metric, problem.solve, point.newton, point.stable, saddle, wanted)
 
 
 def _settle(

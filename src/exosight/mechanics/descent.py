@@ -11,11 +11,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.scipy.linalg import cho_solve
 from jaxtyping import Array, Bool, Float
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation
+from exosight.mechanics.evaluator import Solve
 from exosight.mechanics.metric import Metric
 
 LARGEST = 0.5
@@ -99,6 +99,7 @@ def near_rest(descent: Descent) -> Bool[AnyArray, ""]:
 def direction(
     descent: Descent,
     metric: Metric,
+    solve: Solve,
     newton: Float[AnyArray, " dofs"],
     stable: Bool[AnyArray, ""],
     saddle: Bool[AnyArray, ""],
@@ -114,7 +115,8 @@ def direction(
     along = jnp.where(saddle, _some_direction(len(newton)), descent.here.gradient)
 
     def attempt(shift: Array) -> tuple[Array, Array]:
-        return shift, -cho_solve((jnp.linalg.cholesky(hessian + shift * metric.matrix), True), along)
+        solved, definite = solve(hessian + shift * metric.matrix, along[:, None])
+        return shift, jnp.where(definite, -solved[:, 0], jnp.nan)
 
     def too_long(state: tuple[Array, Array]) -> Array:
         length = metric.size(state[1])

@@ -4,19 +4,28 @@ Both run the same functions, `energy.potential` and the terms' `max_step_fractio
 """
 
 from collections.abc import Callable, Hashable, Sequence
-from functools import lru_cache
-from typing import Any, NamedTuple
+from functools import cache, lru_cache
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jax.scipy.linalg import cho_solve
+from jaxtyping import Array, Bool, Float
 
+from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation, potential
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.term import Memories
 from exosight.scalar_program import Unrolled, Unsupported, unroll
+
+
+Solve: TypeAlias = Callable[
+    [Float[AnyArray, "dofs dofs"], Float[AnyArray, "dofs right"]],
+    tuple[Float[Array, "dofs right"], Bool[Array, ""]],
+]
+"""(symmetric matrix, right sides) -> (solutions, whether it is positive definite; they mean nothing if not)."""
 
 
 class Evaluator(NamedTuple):
@@ -25,12 +34,14 @@ class Evaluator(NamedTuple):
     evaluate       (q, loads, memories) -> Π with its derivatives, the memories if a step ends there, and
                    what `step_fraction` needs of that pose
     step_fraction  (that, step) -> how much of a step from there the expansion holds for
+    solve          see `Solve`
     """
 
     evaluate: Callable[
         [Float[Array, " dofs"], Float[Array, " channels"], Memories], tuple[Evaluation, Memories, Any]
     ]
     step_fraction: Callable[[Any, Float[Array, " dofs"]], Float[Array, ""]]
+    solve: Solve
 
 
 def by_xla(robot: Robot) -> Evaluator:
@@ -42,7 +53,7 @@ def by_xla(robot: Robot) -> Evaluator:
         found, motion = (potential(now) if memories else same)(q, loads)
         return found, now.remember(motion, loads), motion
 
-    return Evaluator(evaluate, lambda motion, step: _step_fraction(robot, motion, step))
+    return Evaluator(evaluate, lambda motion, step: _step_fraction(robot, motion, step), _solve)
 
 
 def by_program(program: Unrolled, robot: Robot) -> Evaluator:
@@ -53,7 +64,10 @@ def by_program(program: Unrolled, robot: Robot) -> Evaluator:
         (found, remembered), pose = program(1, design, (q, loads, memories))
         return found, remembered, pose
 
-    return Evaluator(evaluate, lambda pose, step: program(2, pose, (step,))[0])
+    def solve(matrix: Array, right: Array) -> tuple[Array, Array]:
+        return _solver(*right.shape)(0, None, (matrix, right))[0]
+
+    return Evaluator(evaluate, lambda pose, step: program(2, pose, (step,))[0], solve)
 
 
 @lru_cache(maxsize=64)
@@ -80,6 +94,17 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
         return unroll(function, arguments)
     except Unsupported:
         return None
+
+
+def _solve(matrix: Array, right: Array) -> tuple[Array, Array]:
+    factor = jnp.linalg.cholesky(matrix, symmetrize_input=False)
+    return cho_solve((factor, True), right), jnp.isfinite(factor[-1, -1])
+
+
+@cache
+def _solver(dofs: int, right: int) -> Unrolled:
+    """The program of `_solve`."""
+    return unroll(lambda at: (_solve(*at),), [(np.zeros((dofs, dofs)), np.zeros((dofs, right)))])
 
 
 def _step_fraction(robot: Robot, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:

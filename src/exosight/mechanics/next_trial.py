@@ -92,7 +92,7 @@ def next_trial(
     walk = _walk(state.descent, point, plan, ways, jnp.where(verdict.lost, jnp.inf, push))
     whole = jnp.minimum(1.0, ways.free)
     newton = point.q + whole * ways.correction
-    bordered_t = jnp.where(state.phase == ALONG, state.t + whole * verdict.bordered.t, state.t)
+    bordered_t = jnp.where(state.phase == ALONG, state.t + whole * point.bordered.t, state.t)
 
     def choose(load: Any, length: Any, flow: Any, go: Any) -> Array:
         return jnp.where(plan.to_load, load, jnp.where(plan.along, length, jnp.where(plan.descend, flow, go)))
@@ -146,8 +146,8 @@ def _beyond(state: ContinuationState, point: Point, verdict: Verdict) -> Beyond:
         known,
         jnp.where(unstable, point.q, end.q),
         jnp.where(unstable, state.t, end.t),
-        jnp.where(unstable, verdict.bordered.dq, end.dq),
-        jnp.where(unstable, verdict.bordered.dt, end.dt),
+        jnp.where(unstable, point.bordered.dq, end.dq),
+        jnp.where(unstable, point.bordered.dt, end.dt),
         jnp.where(along & known, end.tries + (verdict.arrived | unstable), 0),
     )
 

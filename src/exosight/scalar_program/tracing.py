@@ -277,6 +277,44 @@ def _product(graph: Graph, equation: Any, a: Values, b: Values) -> list[Values]:
     return [np.array(results, dtype=np.int64)]
 
 
+def _cholesky(graph: Graph, equation: Any, x: Values) -> Values:
+    """L of L Lᵀ; without a positive pivot, its diagonal is not a number from there on."""
+    if x.ndim != 2:
+        raise Unsupported("factorisation of several matrices")
+    one, zero = graph.constant(1.0), graph.constant(0.0)
+    rows: list[list[int]] = []
+    inverse: list[int] = []
+    for i, given in enumerate(x.tolist()):
+        row: list[int] = []
+        for j, above in enumerate(rows):
+            rest = graph.sub(given[j], graph.dot(zip(row, above, strict=False)))
+            row.append(graph.mul(rest, inverse[j]))
+        pivot = graph.sub(given[i], graph.dot(zip(row, row, strict=True)))
+        row.append(graph.apply(Op.SQRT, pivot))
+        inverse.append(graph.div(one, row[i]))
+        rows.append(row)
+    return np.array([row + [zero] * (len(rows) - len(row)) for row in rows], dtype=np.int64)
+
+
+def _triangular_solve(graph: Graph, equation: Any, a: Values, b: Values) -> Values:
+    """X of a X = b, or with aᵀ in the place of a."""
+    params = equation.params
+    if a.ndim != 2 or not params["left_side"] or params["unit_diagonal"]:
+        raise Unsupported("triangular systems of other kinds than a X = b")
+    rows = (a.T if params["transpose_a"] else a).tolist()
+    forwards = params["lower"] != params["transpose_a"]
+    order = range(len(rows)) if forwards else range(len(rows) - 1, -1, -1)
+    one = graph.constant(1.0)
+    columns = []
+    for right in b.T.tolist():
+        found: dict[int, int] = {}
+        for i in order:
+            rest = graph.sub(right[i], graph.dot((rows[i][j], value) for j, value in found.items()))
+            found[i] = graph.mul(rest, graph.div(one, rows[i][i]))
+        columns.append([found[i] for i in range(len(rows))])
+    return np.array(columns, dtype=np.int64).T
+
+
 RULES: dict[str, Callable] = {
     **{
         name: _call for name in ("jit", "pjit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2")
@@ -330,6 +368,8 @@ RULES: dict[str, Callable] = {
     "argmin": _place(Op.LT),
     "cumsum": _running_sum,
     "dot_general": _product,
+    "cholesky": _cholesky,
+    "triangular_solve": _triangular_solve,
     "gather": gather,
     "scatter": scatter,
     "scatter-add": scatter,
