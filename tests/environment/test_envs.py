@@ -13,11 +13,14 @@ gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 
+from exosight.control.trials import CONTROL_SHAPE  # noqa: E402
 from exosight.environment import GRIP  # noqa: E402
 from exosight.environment.envs import GripEnv, GripVectorEnv  # noqa: E402
 from exosight.environment.task import REWARD_UNIT  # noqa: E402
 from exosight.errors import InputError  # noqa: E402
+from exosight.exosuit.catalogue import nominal_system  # noqa: E402
 from exosight.system.camera import Camera  # noqa: E402
+from exosight.system.simulation import simulate_path  # noqa: E402
 
 SMALL = Camera(metres_per_pixel=0.0088, width=16, height=16)
 COUNT = 3
@@ -206,6 +209,25 @@ def test_a_system_file_has_spaces_of_its_own_and_is_paid_by_the_same_rule() -> N
     excess = np.maximum(seen[2:] - 0.02, 0).sum()
     assert told["P3"] == pytest.approx(seen[4], abs=SINGLE)
     assert reward == pytest.approx(-(abs(0.3 - seen[4]) + 5 * excess) / REWARD_UNIT, abs=1e-4)
+
+
+def test_a_preset_by_name_has_its_own_contacts_and_pictures() -> None:
+    env, spheres = (
+        GripEnv(system=name, observation="mixed", steps=2, camera=SMALL) for name in ("index", "published")
+    )
+    env.reset(seed=0, options={"target": 0.2})
+    seen, reward, _, _, info = env.step([1.0])
+    assert info["u"] == 1.0
+    system = nominal_system("index", CONTROL_SHAPE)
+    readings = np.asarray(simulate_path(system, np.array([[0.0], [1.0]])).observation.readings)[-1]
+    # Without friction the way does not matter; the environment solves to 1e-7 of the pose.
+    np.testing.assert_allclose(seen["state"][2:], readings[system.schema.output_indices()], atol=1e-5)
+    assert info["F_net"] == pytest.approx(readings[system.schema.index("F_net")], abs=1e-5)
+    assert reward == pytest.approx(-abs(0.2 - info["F_net"]) / REWARD_UNIT, abs=1e-3)
+    spheres.reset(seed=0, options={"target": 0.2})
+    other = spheres.step([1.0])[0]
+    assert np.abs(other["state"] - seen["state"]).max() > 1e-3
+    assert (other["image"] != seen["image"]).any()
 
 
 def test_every_channel_has_an_action_within_its_own_range(tmp_path: Path) -> None:
