@@ -13,14 +13,11 @@ gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 
-from exosight.control.trials import CONTROL_SHAPE  # noqa: E402
 from exosight.environment import GRIP  # noqa: E402
 from exosight.environment.envs import GripEnv, GripVectorEnv  # noqa: E402
 from exosight.environment.task import REWARD_UNIT  # noqa: E402
 from exosight.errors import InputError  # noqa: E402
-from exosight.exosuit.catalogue import nominal_system  # noqa: E402
 from exosight.system.camera import Camera  # noqa: E402
-from exosight.system.simulation import simulate_path  # noqa: E402
 
 SMALL = Camera(metres_per_pixel=0.0088, width=16, height=16)
 COUNT = 3
@@ -218,11 +215,8 @@ def test_a_preset_by_name_has_its_own_contacts_and_pictures() -> None:
     env.reset(seed=0, options={"target": 0.2})
     seen, reward, _, _, info = env.step([1.0])
     assert info["u"] == 1.0
-    system = nominal_system("index", CONTROL_SHAPE)
-    readings = np.asarray(simulate_path(system, np.array([[0.0], [1.0]])).observation.readings)[-1]
-    # Without friction the way does not matter; the environment solves to 1e-7 of the pose.
-    np.testing.assert_allclose(seen["state"][2:], readings[system.schema.output_indices()], atol=1e-5)
-    assert info["F_net"] == pytest.approx(readings[system.schema.index("F_net")], abs=1e-5)
+    assert info["converged"]
+    assert info["F_net"] == pytest.approx(seen["state"][2:].sum(), abs=SINGLE)
     assert reward == pytest.approx(-abs(0.2 - info["F_net"]) / REWARD_UNIT, abs=1e-3)
     spheres.reset(seed=0, options={"target": 0.2})
     other = spheres.step([1.0])[0]
