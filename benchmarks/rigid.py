@@ -1,12 +1,13 @@
 """Rigid bodies that press, rub and rest on each other, by exosight and by MuJoCo: error and time in one run.
 
 `python -m benchmarks.rigid`, with the extra `compare` installed, writes docs/results/rigid.json, which
-docs/validation.md shows. Times as in `benchmarks.neighbours`. All contact in exosight has stiffness k; the
+docs/validation.md shows. Times as in `benchmarks.neighbours`. The
 closed forms are those of rigid bodies with Coulomb friction.
 
-stick, slide   a capsule on a slope of 0.8 and of 1.5 times the friction angle, from rest: where it is after 0.5 s
-stack          two capsules side by side on a plane and a third in the gap between them, which stand by friction
-               alone: the contact forces
+stick, slide   a capsule on a slope of 0.8 and of 1.5 times the friction angle's tangent, from rest: where it
+               is after 0.5 s
+stack          two capsules side by side on a plane and a third in the gap between them, which stand by
+               friction alone: the contact forces
 finger         three capsules on sprung hinges, bent by a fourth that is pressed on the second of them: the
                hinges' angles and the contact force at rest
 
@@ -62,7 +63,7 @@ LENGTHS, HINGES, THICK = (0.045, 0.025, 0.025), (0.05, 0.03, 0.02), 0.008
 AT, ROUND, PRESS = 0.055, 0.006, 0.3
 """Place along the straight finger and radius of the capsule that presses [m], and its force [N]."""
 WEAK = 1.0
-"""Spring of what nothing else holds [N/m]: the capsule that presses, by both programs, and exosight's stack."""
+"""Spring where nothing else holds [N/m]: the capsule that presses, in both programs, and exosight's stack."""
 STILL, LONGEST = 1e-7, 10.0
 """Speed at which MuJoCo's finger counts as at rest [m/s, rad/s]; for no longer than this [s]."""
 
@@ -174,7 +175,7 @@ class Stack:
 
 
 def stacked() -> Numbers:
-    """Normal force and friction of the left and right capsule on the ground, then of the upper one on them [N].
+    """Normal forces, then friction, of the lower capsules on the ground; the same of the upper one on them [N].
 
     With θ = asin(HALF / 2 RADIUS) and the weight W of one: 3W/2 on the ground, W/2 between the capsules, and
     W/2 tan(θ/2) of friction everywhere, which stands while that is at most μ W/2.
