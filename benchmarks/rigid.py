@@ -1,8 +1,8 @@
 """Rigid bodies that press, rub and rest on each other, by exosight and by MuJoCo: error and time in one run.
 
 `python -m benchmarks.rigid`, with the extra `compare` installed, writes docs/results/rigid.json, which
-docs/validation.md shows. Times as in `benchmarks.neighbours`. The
-closed forms are those of rigid bodies with Coulomb friction.
+docs/validation.md shows. Times as in `benchmarks.neighbours`. The closed
+forms are those of rigid bodies with Coulomb friction.
 
 stick, slide   a capsule on a slope of 0.8 and of 1.5 times the friction angle's tangent, from rest: where it
                is after 0.5 s
@@ -175,7 +175,7 @@ class Stack:
 
 
 def stacked() -> Numbers:
-    """Normal forces, then friction, of the lower capsules on the ground; the same of the upper one on them [N].
+    """Normal forces, then friction, of both lower capsules on the ground, and of the upper one on them [N].
 
     With θ = asin(HALF / 2 RADIUS) and the weight W of one: 3W/2 on the ground, W/2 between the capsules, and
     W/2 tan(θ/2) of friction everywhere, which stands while that is at most μ W/2.
