@@ -23,7 +23,7 @@ from exosight.exosuit.shapes import TABLE_I, ExosuitShape, Linear, Sine
 
 HERE = Path(__file__).parent
 PAGE, IMAGES = HERE / "identifiability.md", HERE / "images"
-RESULT = HERE / "results" / "identifiability.json"
+RESULT, FRICTION = (HERE / "results" / f"{name}.json" for name in ("identifiability", "friction_view"))
 
 SHAPES = {
     "taper of 5.8 to 4 mm, 100 mm long (published)": TABLE_I,
@@ -131,6 +131,17 @@ def beside_network(found: Mapping[str, Any]) -> str:
     return table_of(heads, rows)
 
 
+def with_friction(found: Mapping[str, Any]) -> str:
+    """The table of what images of `index-friction` tell: F_net / the worst zone."""
+    rows = [
+        [f"{name}; u {way}", *(f"{1e3 * net:.1f} / {1e3 * zone:.1f}" for net, zone in cases.values())]
+        for name, ways in found.items()
+        for way, cases in ways.items()
+    ]
+    heads = [f"{case} [mN]" for case in next(iter(next(iter(found.values())).values()))]
+    return table_of(("exosuit", *heads), rows)
+
+
 def maps(surfaces: bool) -> tuple[Figure, str]:
     """Figure and table of `published`, or of `index`."""
     cases, rows = {}, []
@@ -153,7 +164,8 @@ def main() -> None:
     save(figure, IMAGES / "identifiability.png", dpi=110)
     save(of_index, IMAGES / "identifiability_index.png", dpi=110)
     save(bounds_and_errors(found), IMAGES / "identifiability_network.png")
-    fill(PAGE, {"resolved": table, "resolved_index": index_table, "network": beside_network(found)})
+    tables = {"resolved": table, "resolved_index": index_table, "network": beside_network(found)}
+    fill(PAGE, tables | {"friction": with_friction(json.loads(FRICTION.read_text()))})
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import dataclasses
 import jax
 import numpy as np
 import pytest
-from figures_identifiability import beside_network, bounds_and_errors, identifiability_map
+from figures_identifiability import beside_network, bounds_and_errors, identifiability_map, with_friction
 from identifiability import (
     MATERIAL_KNOWN,
     MATERIAL_VARIES,
@@ -17,6 +17,7 @@ from identifiability import (
     sensitivity,
     system_at,
 )
+from identifiability_friction import Slopes, told
 
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
@@ -202,3 +203,31 @@ def test_bounds_stand_beside_the_errors_of_the_network() -> None:
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("force [mN]", "share of the frames [%]")
     for line, sizes in zip(ax.lines, ((1, 3), (0.5, 2)), strict=True):
         np.testing.assert_allclose(np.asarray(line.get_xydata()), np.column_stack([sizes, (50, 100)]))
+
+
+def test_past_images_and_a_known_friction_never_tell_less() -> None:
+    rng = np.random.default_rng(3)
+    # Four loads, six outline points of about a pixel a deviation, seven contacts, three shared unknowns.
+    outline = Slopes(1e-4 * rng.normal(size=(4, 6)), 1e-4 * rng.normal(size=(4, 6, 3)))
+    force = Slopes(rng.normal(size=(4, 7)), rng.normal(size=(4, 7, 3)))
+    one, past, known = (
+        told(outline, force, [3]),
+        told(outline, force, [0, 1, 2, 3]),
+        told(outline, force, [3], known=1),
+    )
+    assert one.shape == (8,)
+    for better in (past, known):
+        assert np.all(better <= one * (1 + 1e-12))
+        assert np.any(better < 0.99 * one)
+    # An outline that nothing moves tells nothing: what is left is the prior's.
+    blind = told(Slopes(0 * outline.own, 0 * outline.shared), force, [3])
+    unknown = np.column_stack([force.own[3], force.shared[3]])
+    np.testing.assert_allclose(blind[:7], np.linalg.norm(unknown, axis=1), rtol=1e-12)
+    np.testing.assert_allclose(blind[7], np.linalg.norm(unknown.sum(axis=0)), rtol=1e-12)
+
+
+def test_friction_table_has_a_row_a_way_and_a_column_a_case() -> None:
+    case = {"one image": [0.0006, 0.0008], "with past images": [0.0003, 0.0005]}
+    table = with_friction({"taper": {"rising": case, "falling": case}}).splitlines()
+    assert table[0] == "| exosuit | one image [mN] | with past images [mN] |"
+    assert table[2:] == [f"| taper; u {way} | 0.6 / 0.8 | 0.3 / 0.5 |" for way in ("rising", "falling")]
