@@ -8,7 +8,7 @@ help:
 	@echo "make demo     install, run the quick study, print where its report is"
 	@echo "make test     install, then lint, type check and all tests"
 	@echo "make bench    re-measure the speeds that the documentation quotes"
-	@echo "make compare  time exosight beside PyElastica and SoRoMoX again, and show it in docs/validation.md"
+	@echo "make compare  time exosight beside PyElastica, SoRoMoX and MuJoCo again, and show it in docs/validation.md"
 	@echo "make figures  re-make the pictures and tables of the README and the documentation"
 	@echo "make docs     build the documentation site into site/, warnings as errors"
 	@echo "make dist     build wheel and sdist into dist/, install the wheel elsewhere and try it"
@@ -31,6 +31,7 @@ bench: .venv/ready-test
 
 compare: .venv/ready-test
 	$(BIN)/python -m benchmarks.neighbours
+	$(BIN)/python -m benchmarks.rigid
 	$(BIN)/python docs/figures_validation.py
 
 figures: .venv/ready-test

@@ -133,9 +133,28 @@ def timed(runs: Sequence[Case]) -> list[Row]:
     ]
 
 
-def measure() -> dict[str, Any]:
-    """Every comparison, with what it ran on."""
-    load = os.getloadavg()[0]
+def write(file: Path, runs: Sequence[Case], packages: Sequence[str]) -> None:
+    """Measure, write the numbers with what they were measured on, and print them."""
+    found = {
+        "machine": {
+            "cpu": cpu_name(),
+            "cores": cores(),
+            "load_before": round(os.getloadavg()[0], 2),
+            "versions": {name: version(name) for name in packages},
+        },
+        "rows": [asdict(row) for row in timed(runs)],
+    }
+    file.parent.mkdir(exist_ok=True)
+    file.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+    for row in found["rows"]:
+        print(
+            f"{row['problem']:26}{row['program']:12}{row['setting']:34}{row['error']:9.1e}"
+            f"{row['seconds']:10.3g} s, first {row['first_seconds']:.3g} s"
+        )
+
+
+def main() -> None:
+    """Measure anew and write the numbers of docs/validation.md."""
     runs = [
         *cantilevers(),
         *contacts(),
@@ -143,27 +162,7 @@ def measure() -> dict[str, Any]:
         *motions("motion in space", motion.SPACE, (8e-4, 4e-4), 2e-4),
         *motions("motion in space, slender", motion.SLENDER, (4e-5,), 2e-5),
     ]
-    return {
-        "machine": {
-            "cpu": cpu_name(),
-            "cores": cores(),
-            "load_before": round(load, 2),
-            "versions": {name: version(name) for name in PACKAGES},
-        },
-        "rows": [asdict(row) for row in timed(runs)],
-    }
-
-
-def main() -> None:
-    """Measure anew and write the numbers of docs/validation.md."""
-    found = measure()
-    RESULTS.parent.mkdir(exist_ok=True)
-    RESULTS.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
-    for row in found["rows"]:
-        print(
-            f"{row['problem']:26}{row['program']:12}{row['setting']:34}{row['error']:9.1e}"
-            f"{row['seconds']:10.3g} s, first {row['first_seconds']:.3g} s"
-        )
+    write(RESULTS, runs, PACKAGES)
 
 
 if __name__ == "__main__":

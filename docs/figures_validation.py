@@ -27,7 +27,7 @@ from exosight.evaluation.figures.style import (
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGES = HERE / "validation.md", HERE / "results", HERE / "images"
-NAMES = ("convergence", "neighbours", "processor", "sorosim")
+NAMES = ("convergence", "neighbours", "processor", "rigid", "sorosim")
 
 PROBLEMS = {
     "cantilever": "error of the tip / length [-]",
@@ -150,7 +150,6 @@ def neighbours(rows: Sequence[dict[str, Any]]) -> Figure:
 def tables(found: dict[str, Any]) -> dict[str, str]:
     """The page's tables, by name."""
     lines = found["convergence"]
-    machine = found["neighbours"]["machine"]
     return {
         "elastica": table_of(
             ["α = P L²/EI", "x/L", "z/L", *(f"error, {n} elements" for n in lines["elastica"]["error"])],
@@ -185,11 +184,19 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
             [[name, _powers(line)] for name, line in lines["newton"].items()],
         ),
         "iterations": _iterations(lines["iterations"]),
-        "machine": (
-            f"Machine: {machine['cpu']}, {machine['cores']} cores, load average {machine['load_before']} "
-            f"before the run. {', '.join(f'{k} {v}' for k, v in machine['versions'].items())}."
-        ),
-        "neighbours": table_of(
+        **{
+            f"{name}{part}": text
+            for name in ("neighbours", "rigid")
+            for part, text in _compared(found[name]).items()
+        },
+    }
+
+
+def _compared(found: dict[str, Any]) -> dict[str, str]:
+    """Table of a comparison of programs, and what it ran on."""
+    machine = found["machine"]
+    return {
+        "": table_of(
             ["problem", "program", "setting", "error", "time [s]", "processor time [s]", "first call [s]"],
             [
                 [
@@ -197,8 +204,12 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                     _power(row["error"]),
                     *(f"{row[key]:.2g}" for key in ("seconds", "processor_seconds", "first_seconds")),
                 ]
-                for row in found["neighbours"]["rows"]
+                for row in found["rows"]
             ],
+        ),
+        "_machine": (
+            f"Machine: {machine['cpu']}, {machine['cores']} cores, load average {machine['load_before']} "
+            f"before the run. {', '.join(f'{k} {v}' for k, v in machine['versions'].items())}."
         ),
     }
 

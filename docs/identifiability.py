@@ -1,4 +1,4 @@
-"""Identifiability: the smallest contact forces that one view of the published system resolves.
+"""Identifiability: the smallest contact forces that one view of `published` or `index` resolves.
 
 An equilibrium depends on numbers p that the picture does not state: the actuation, the exosuit's radius along
 its length, its length, and how stiff everything is. To first order p moves the outline in the picture by J_y
@@ -12,6 +12,7 @@ all: load and every stiffness scaled by one factor leave the pose as it is and s
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -22,12 +23,15 @@ from jaxtyping import Array, Bool, Float
 
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
-from exosight.exosuit.assembly import QUADRATURE, ROD, Exosuit, assemble_surface
+from exosight.exosuit.assembly import QUADRATURE, Exosuit, assemble_surface
 from exosight.exosuit.finger import Finger
+from exosight.exosuit.index import with_surfaces
 from exosight.exosuit.published import system_of
 from exosight.exosuit.shapes import radius, radius_slope
-from exosight.mechanics import Robot, differentiable, drive
+from exosight.mechanics import differentiable, drive, walk
 from exosight.mechanics.sensitivity import SNAP
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.term import Memories
 from exosight.system.observation import observe_state
 from exosight.system.system import System
 
@@ -97,13 +101,15 @@ class Sensitivity:
     """derivatives of the forces [N a unit]"""
 
 
-def sensitivity(exosuit: Exosuit, loads: Float[np.ndarray, " loads"]) -> Sensitivity:
+def sensitivity(exosuit: Exosuit, loads: Float[np.ndarray, " loads"], surfaces: bool = False) -> Sensitivity:
     """Outline and forces by PARAMETERS, at rising loads approached from rest.
 
-    The outline is both edges and the tip of the exosuit, which covers the finger, and the finger's lower edge
-    and tip; a point counts by its shift across the outline, as one along it does not show.
+    The outline is both edges and the tip of the exosuit, and the finger's lower edge and tip; a point counts
+    by its shift across the outline, as one along it does not show. In `published` the exosuit covers the
+    finger; in `index` both share one boundary where they touch.
 
-    loads   (loads,)  rising, 0 or more [N]
+    loads      (loads,)  rising, 0 or more [N]
+    surfaces   of `index` instead of `published`
 
     Raises InputError for other loads, or a finger with another number of hinges.
     """
@@ -114,18 +120,35 @@ def sensitivity(exosuit: Exosuit, loads: Float[np.ndarray, " loads"]) -> Sensiti
         raise InputError(f"finger: expected {HINGES} hinges, got {len(exosuit.finger.joint_stiffness)}")
     grid = np.arange(STEP, loads[-1], STEP)
     path = np.union1d(np.round(grid, 9), loads)
-    # Assembled outside of compiled code, where bodies are checked as they are made.
-    system = _system(exosuit, np.zeros(len(PARAMETERS)))
-    slopes = jax.jacfwd(lambda p: _system(exosuit, p))(jnp.zeros(len(PARAMETERS)))
+    system = system_at(exosuit, np.zeros(len(PARAMETERS)), surfaces)
     found = drive([system.robot], path[:, None])
     at = np.searchsorted(path, loads)
     stable = np.asarray(found.converged[0, at] & (found.min_eigenvalue[0, at] > 10 * SNAP))
-    forces = np.full((len(loads), FORCES), np.nan)
-    outline = np.full((len(loads), OUTLINE, len(PARAMETERS)), np.nan)
-    force = np.full((len(loads), FORCES, len(PARAMETERS)), np.nan)
+    return at_poses(exosuit, loads, np.asarray(found.q[0, at]), stable, surfaces)
+
+
+def at_poses(
+    exosuit: Exosuit,
+    u: Float[np.ndarray, " poses"],
+    q: Float[np.ndarray, "poses dofs"],
+    stable: Bool[np.ndarray, " poses"],
+    surfaces: bool,
+) -> Sensitivity:
+    """The same at equilibria that are known.
+
+    u        (poses,)        [N]
+    q        (poses, dofs)
+    stable   (poses,)        whether the pose is one, and not about to snap
+    """
+    # Assembled outside of compiled code, where bodies are checked as they are made.
+    system = system_at(exosuit, np.zeros(len(PARAMETERS)), surfaces)
+    slopes = jax.jacfwd(lambda p: system_at(exosuit, p, surfaces))(jnp.zeros(len(PARAMETERS)))
+    forces = np.full((len(u), FORCES), np.nan)
+    outline = np.full((len(u), OUTLINE, len(PARAMETERS)), np.nan)
+    force = np.full((len(u), FORCES, len(PARAMETERS)), np.nan)
     for k in np.flatnonzero(stable):
-        (outline[k], force[k]), forces[k] = _derivatives(system, slopes, loads[k], found.q[0, at[k]])
-    return Sensitivity(loads, forces, stable, outline, force)
+        (outline[k], force[k]), forces[k] = _derivatives(system, slopes, u[k], q[k])
+    return Sensitivity(u, forces, stable, outline, force)
 
 
 def resolved(
@@ -157,7 +180,7 @@ def resolved(
     return out
 
 
-def _system(exosuit: Exosuit, p: Float[AnyArray, " parameters"]) -> System:
+def system_at(exosuit: Exosuit, p: Float[AnyArray, " parameters"], surfaces: bool) -> System:
     """The system whose PARAMETERS differ by p from the exosuit's own (u aside)."""
     _, young, contact, *rest = p
     joints, length, radii = rest[:HINGES], rest[HINGES], jnp.stack(rest[HINGES + 1 :])
@@ -169,16 +192,20 @@ def _system(exosuit: Exosuit, p: Float[AnyArray, " parameters"]) -> System:
         exosuit.shape.length + length,
         exosuit,
     )
+    system = system_of(robot, exosuit.finger)
+    system = with_surfaces(system, exosuit) if surfaces else system
 
-    def stiffnesses(of: Robot) -> list[Any]:
-        links = [of[exosuit.finger.link_name(i)] for i in range(HINGES)]
-        return [of[ROD].young, of.terms[1].stiffness, *(link.joint.stiffness for link in links)]
+    def stiffnesses(of: System) -> list[Any]:
+        rod, *links = of.bodies
+        return [rod.young, *(link.joint.stiffness for link in links[:HINGES]), *_contact_stiffness(of)]
 
-    scaled = [
-        jnp.asarray(k * (1 + share))
-        for k, share in zip(stiffnesses(robot), (young, contact, *joints), strict=True)
-    ]
-    return system_of(eqx.tree_at(stiffnesses, robot, scaled), exosuit.finger)
+    shares = (young, *joints, *[contact] * len(system.contacts))
+    scaled = [jnp.asarray(k * (1 + share)) for k, share in zip(stiffnesses(system), shares, strict=True)]
+    return eqx.tree_at(stiffnesses, system, scaled)
+
+
+def _contact_stiffness(of: System) -> list[Any]:
+    return [contact.stiffness for contact in of.contacts]
 
 
 def _hats(
@@ -192,25 +219,48 @@ def _hats(
     return hats, slopes
 
 
-def _measured(
-    system: System, q: Float[Array, " dofs"]
-) -> tuple[Float[Array, " points"], Float[Array, " forces"]]:
-    """Shift of the outline points across the reference outline, up to a constant [m], and the forces [N]."""
-    observed = observe_state(system, q)
+def measured(
+    system: System, q: Float[AnyArray, " dofs"], history: Memories = ()
+) -> tuple[Float[Array, "points 2"], Float[Array, "points 2"], Float[Array, " forces"]]:
+    """Points of the outline [m], unit vectors across it, held constant in derivatives, and the forces [N].
+
+    history   of the state, see `Equilibria`
+    """
+    observed = observe_state(system, jnp.asarray(q), history)
     axis = observed.axes["exosuit"][:, ::2]
     along, across = _directions(jnp.asarray(jnp.gradient(axis, QUADRATURE.points, axis=0)))
-    shift = jnp.sum(across * axis, axis=1)
     thick = next(tube.radius for tube in system.tubes if tube.name == "exosuit")
+    edge = jnp.asarray(thick)[:, None] * across
+    lower, below = _lower_edge(system, jnp.asarray(q), axis - edge, across)
     # The link beyond the last hinge is the fingertip's cap.
     nodes = observed.axes["finger"][: HINGES + 1, ::2]
     share = (np.arange(_ON_LINK)[:, None, None] + 0.5) / _ON_LINK
     points = nodes[:-1] + share * jnp.diff(nodes, axis=0)
     link_along, link_across = _directions(jnp.diff(nodes, axis=0))
-    outline = (
-        *(shift + thick, shift - thick, along[-1:] @ axis[-1]),
-        *(jnp.sum(link_across * points, axis=2).ravel(), link_along[-1:] @ nodes[-1]),
-    )
-    return jnp.concatenate(outline), jnp.asarray(observed.readings)[np.array(system.schema.output_indices())]
+    of_links = jnp.broadcast_to(link_across, points.shape).reshape(-1, 2)
+    places = (axis + edge, lower, axis[-1:], points.reshape(-1, 2), nodes[-1:])
+    directions = (across, below, along[-1:], of_links, link_along[-1:])
+    outputs = np.array(system.schema.output_indices())
+    return jnp.concatenate(places), jnp.concatenate(directions), jnp.asarray(observed.readings)[outputs]
+
+
+def _lower_edge(
+    system: System, q: Float[Array, " dofs"], free: Float[Array, "points 2"], across: Float[Array, "points 2"]
+) -> tuple[Float[Array, "points 2"], Float[Array, "points 2"]]:
+    """That of the exosuit: free, or where a picture in depth order shows the boundary with the finger."""
+    robot = system.robot
+    press = robot.terms[1]
+    if not isinstance(press, SolidContact):
+        return free, across
+    motion = walk(robot, q)
+    nearest, own = press.contacts(robot, motion.pose).touches[0], press.first.radius
+    # Spheres of radii r₁, r₂ with centres D apart meet at (D² + r₁² − r₂²)/2D from the first centre.
+    other = nearest.distance + nearest.overlap - own
+    deep = (nearest.distance**2 + own**2 - other**2) / (2 * nearest.distance)
+    shared = motion.position[press.first.frames(robot)] - deep[:, None] * nearest.normal
+    touching = nearest.overlap[:, None] > 0
+    normal = jax.lax.stop_gradient(nearest.normal)
+    return jnp.where(touching, shared[:, ::2], free), jnp.where(touching, normal[:, ::2], across)
 
 
 def _directions(
@@ -221,7 +271,7 @@ def _directions(
     return unit, jnp.stack([-unit[:, 1], unit[:, 0]], axis=1)
 
 
-@jax.jit
+@partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})  # compiled in a tenth of the time
 def _derivatives(
     system: System, slopes: System, u: Float[AnyArray, ""], q: Float[AnyArray, " dofs"]
 ) -> tuple[
@@ -232,9 +282,9 @@ def _derivatives(
     slopes   derivatives of the system's numbers, along a last axis
     """
 
-    def measured(p: Array) -> tuple[tuple[Array, Array], Array]:
+    def at(p: Array) -> tuple[tuple[Array, Array], Array]:
         own = jax.tree.map(lambda leaf, slope: leaf + slope @ p, system, slopes)
-        outline, forces = _measured(own, differentiable(own.robot, (u + p[0])[None], q))
-        return (outline, forces), forces
+        points, across, forces = measured(own, differentiable(own.robot, (u + p[0])[None], q))
+        return (jnp.sum(across * points, axis=1), forces), forces
 
-    return jax.jacfwd(measured, has_aux=True)(jnp.zeros(len(PARAMETERS)))
+    return jax.jacfwd(at, has_aux=True)(jnp.zeros(len(PARAMETERS)))

@@ -2,22 +2,27 @@
 
 import dataclasses
 
+import jax
 import numpy as np
 import pytest
-from figures_identifiability import identifiability_map
+from figures_identifiability import beside_network, bounds_and_errors, identifiability_map, with_friction
 from identifiability import (
     MATERIAL_KNOWN,
     MATERIAL_VARIES,
     PARAMETERS,
     Prior,
     Sensitivity,
+    measured,
     resolved,
     sensitivity,
+    system_at,
 )
+from identifiability_friction import Slopes, told
 
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
-from exosight.exosuit.published import PublishedDesigns
+from exosight.exosuit.index import index
+from exosight.exosuit.published import PublishedDesigns, published
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.exosuit.simulation import simulate
 
@@ -125,6 +130,34 @@ def test_poses_without_derivatives_resolve_nothing() -> None:
     assert np.isnan(resolved(unstable)).all()
 
 
+def test_without_a_change_of_parameters_the_system_is_the_preset() -> None:
+    for surfaces, preset in ((False, published), (True, index)):
+        own, other = system_at(EXOSUIT, np.zeros(len(PARAMETERS)), surfaces), preset(EXOSUIT)
+        assert jax.tree.structure(own) == jax.tree.structure(other)
+        # The radii pass through other sums: round-off.
+        for one, two in zip(jax.tree.leaves(own), jax.tree.leaves(other), strict=True):
+            np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-15)
+
+
+def test_where_surfaces_overlap_the_outline_is_the_boundary_that_pictures_show() -> None:
+    # Straight and inclined towards the finger, an exosuit reaches into it by up to 2 mm.
+    inclined = Exosuit(ExosuitShape(Linear(r0=0.006, r1=0.006), length=0.07), mount_angle=-0.1)
+    system = system_at(inclined, np.zeros(len(PARAMETERS)), surfaces=True)
+    points, across, _ = jax.jit(measured)(system, np.zeros(25))
+    upper, lower = points[:42], points[42:84]
+    free = upper - 2 * 0.006 * across[:42]
+    finger = inclined.finger
+    top = np.interp(free[:, 0], np.cumsum([0, *finger.lengths]), finger.radii)
+    deep = top - free[:, 1]
+    assert 1e-3 < deep.max() < 3e-3
+    raised = np.asarray(lower - free)[:, 1]
+    assert not raised[deep < -1e-4].any()
+    # Of two that overlap by d, the first ends d r₂/(r₁ + r₂) early, to first order in d / r; normals that
+    # differ by 0.1 rad shift a point by 0.1²/2 of 6 mm.
+    expected = deep * top / (top + 0.006)
+    np.testing.assert_allclose(raised[deep > 1e-4], expected[deep > 1e-4], rtol=0.1, atol=3e-5)
+
+
 def test_loads_and_noise_out_of_range_are_refused() -> None:
     for loads in ([], [1.0, 0.5], [-1.0], [0.0, np.nan]):
         with pytest.raises(InputError, match="loads: expected rising numbers from 0 N"):
@@ -149,3 +182,52 @@ def test_the_map_shows_every_contact_of_every_case() -> None:
         np.testing.assert_array_equal(np.ma.getmaskarray(mesh.get_array())[:, 0], True)
     assert panels[-1].get_xlabel() == "actuation u [N]"
     assert figure.axes[-1].get_ylabel() == "smallest force resolved [N]"
+
+
+def test_bounds_stand_beside_the_errors_of_the_network() -> None:
+    row = {
+        "touched [%]": 4.0,
+        "resolved [N]": {"0.1": 0.0033, "0.03": 0.001},
+        "RMSE where touched [N]": 0.0053,
+        "RMSE [N]": 0.0015,
+        "error where not touched [%]": 54.0,
+        "r": 0.9667,
+        "r at the bound": {"0.1": 0.9941, "0.03": 0.9995},
+    }
+    found = {
+        "C6": row,
+        "F_net": row | {"shown": {"resolved [N]": [0.001, 0.003], "error [N]": [0.002, 0.0005]}},
+    }
+    assert "| C6 | 4 | 3.3 | 1.0 | 5.3 | 1.5 | 54 | 0.9941 | 0.9995 | 0.9667 |" in beside_network(found)
+    (ax,) = bounds_and_errors(found).axes
+    assert (ax.get_xlabel(), ax.get_ylabel()) == ("force [mN]", "share of the frames [%]")
+    for line, sizes in zip(ax.lines, ((1, 3), (0.5, 2)), strict=True):
+        np.testing.assert_allclose(np.asarray(line.get_xydata()), np.column_stack([sizes, (50, 100)]))
+
+
+def test_past_images_and_a_known_friction_never_tell_less() -> None:
+    rng = np.random.default_rng(3)
+    # Four loads, six outline points of about a pixel a deviation, seven contacts, three shared unknowns.
+    outline = Slopes(1e-4 * rng.normal(size=(4, 6)), 1e-4 * rng.normal(size=(4, 6, 3)))
+    force = Slopes(rng.normal(size=(4, 7)), rng.normal(size=(4, 7, 3)))
+    one, past, known = (
+        told(outline, force, [3]),
+        told(outline, force, [0, 1, 2, 3]),
+        told(outline, force, [3], known=1),
+    )
+    assert one.shape == (8,)
+    for better in (past, known):
+        assert np.all(better <= one * (1 + 1e-12))
+        assert np.any(better < 0.99 * one)
+    # An outline that nothing moves tells nothing: what is left is the prior's.
+    blind = told(Slopes(0 * outline.own, 0 * outline.shared), force, [3])
+    unknown = np.column_stack([force.own[3], force.shared[3]])
+    np.testing.assert_allclose(blind[:7], np.linalg.norm(unknown, axis=1), rtol=1e-12)
+    np.testing.assert_allclose(blind[7], np.linalg.norm(unknown.sum(axis=0)), rtol=1e-12)
+
+
+def test_friction_table_has_a_row_a_way_and_a_column_a_case() -> None:
+    case = {"one image": [0.0006, 0.0008], "with past images": [0.0003, 0.0005]}
+    table = with_friction({"taper": {"rising": case, "falling": case}}).splitlines()
+    assert table[0] == "| exosuit | one image [mN] | with past images [mN] |"
+    assert table[2:] == [f"| taper; u {way} | 0.6 / 0.8 | 0.3 / 0.5 |" for way in ("rising", "falling")]

@@ -69,3 +69,22 @@ def test_what_the_page_concludes_is_what_was_timed(found: dict[str, Any]) -> Non
         assert theirs[:, 0].max() < ours[:, 0].min()
         assert ours[ours[:, 0] < 3e-3, 1].min() < theirs[:, 1].min()
     assert ours[:, 1].max() < theirs[:, 1].min()  # the slender rod, at any tolerance
+
+
+def test_what_the_page_concludes_of_rigid_bodies_is_what_was_timed(found: dict[str, Any]) -> None:
+    """MuJoCo is faster everywhere; with stiff friction nearer, and as it comes mostly further off."""
+    rows = found["rigid"]["rows"]
+
+    def of(problem: str, program: str) -> dict[str, tuple[float, float]]:
+        own = [r for r in rows if (r["problem"], r["program"]) == (problem, program)]
+        return {r["setting"]: (r["error"], r["seconds"]) for r in own}
+
+    for problem in ("stick", "slide", "stack", "finger"):
+        ours, theirs = of(problem, "exosight"), of(problem, "MuJoCo")
+        assert max(time for _, time in theirs.values()) < min(time for _, time in ours.values())
+        nearest = min(error for error, _ in ours.values())
+        assert nearest < theirs["as it comes"][0]
+        if problem == "finger":
+            assert nearest < theirs["solref 2 ms"][0]
+        else:
+            assert theirs["solref 2 ms, impratio 100"][0] < nearest

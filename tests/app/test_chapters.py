@@ -1,5 +1,7 @@
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from matplotlib.figure import Figure
 from schemas import published_schema
 
 from exosight.app import chapters
+from exosight.app.chapters.surfaces import STORED
 from exosight.app.report import Listing, Picture, Points, Report, Section, render_report, write_tables
 from exosight.app.results import (
     DataSummary,
@@ -14,6 +17,7 @@ from exosight.app.results import (
     NetworkResult,
     PathSummary,
     RobustnessSummary,
+    SurfaceResult,
     TrainingRun,
 )
 from exosight.control import Record, Trial, measure_response
@@ -106,6 +110,7 @@ def sections() -> tuple[Section, ...]:
         chapters.accuracy(network_results()),
         chapters.robustness_section(robustness()),
         *(chapters.closed_loop(loop) for loop in LOOPS),
+        chapters.contact_models(path(), SurfaceResult(path().u, path().net_force, CONSTANT), LOOPS),
         chapters.limits(),
         chapters.remake("exosight study", "seed: 0\n", 0, {"exosight": "0.1.0"}),
     )
@@ -179,6 +184,30 @@ def test_steady_states_stand_beside_the_papers_settling_steps():
     assert (first["steps to settle exosight"], first["steps to settle paper"]) == (6, 7)
     assert (second["steps to settle exosight"], second["steps to settle paper"]) == (None, None)
     assert first["overshoot [N]"] == 0.02
+
+
+def test_both_models_of_contact_stand_beside_the_paper(study):
+    (section,) = [section for section in study.sections if section.title == "Contact of surfaces"]
+    stored, loop = tables(section).values()
+    assert [row[0] for row in stored.rows] == ["published", "index", "paper, by frame"]
+    assert [row[:3] for row in loop.rows] == [("published", 3, 4), ("index", 6, None), ("paper", 7, None)]
+
+
+def test_stored_numbers_of_both_systems_are_those_of_the_result_files():
+    folder = Path(__file__).parents[2] / "docs" / "results"
+    data = {name: json.loads((folder / f"{name}.json").read_text()) for name in ("bench", "index_data")}
+    whole, own = data["bench"]["dataset"], data["index_data"]
+    kept = {
+        "published": whole["frames kept, rendered and stored"] / whole["frames simulated"],
+        "index": own["frames"] / (own["frames"] + sum(own["dropped"].values())),
+    }
+    for name, file in (("published", "shape"), ("index", "index")):
+        rows = json.loads((folder / "accuracy" / f"{file}.json").read_text())["contacts"]
+        found = {row["contact"]: row for row in rows}
+        share, error, r = STORED[name]
+        assert share == pytest.approx(100 * kept[name], abs=0.05)
+        assert error == pytest.approx(1e3 * found["F_net"]["RMSE exosight [N]"], abs=0.05)
+        assert r == pytest.approx([found[f"C{i}"]["r exosight"] for i in range(1, 8)], abs=5e-5)
 
 
 def test_step_responses_are_read_before_the_switch_and_at_the_end():

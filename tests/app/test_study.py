@@ -12,7 +12,7 @@ import pytest
 
 from exosight.app.main import main
 from exosight.app.report import Report
-from exosight.app.study import _closed_loops
+from exosight.app.study import _closed_loops, _surfaces
 from exosight.app.study_config import PRESETS, RunConfig, StudyConfig, read_config, to_text
 from exosight.control import OnnxEstimator, trials
 from exosight.control.estimator import DEFAULT_MODEL
@@ -138,6 +138,22 @@ def test_shipped_network_steers_where_it_fits_the_camera(tmp_path: Path) -> None
     assert {"control", "control_shipped"} == {path.name for path in tmp_path.iterdir()}
     # The same network and plant: the same loop.
     np.testing.assert_array_equal(own.constant[0].record.command, other.constant[0].record.command)
+
+
+def test_the_same_exosuit_on_smooth_surfaces_stands_beside(tmp_path: Path) -> None:
+    assert _surfaces(TINY, TINY.data.camera, tmp_path) is None  # the shipped network has another camera
+    found = _surfaces(TINY, Camera(), tmp_path)
+    assert found is not None
+    assert [float(trial.record.target[0]) for trial in found.trials] == [0.25, 0.30, 0.35]
+    assert {trial.record.schema.system for trial in found.trials} == {"index"}
+    assert "control_index" in {path.name for path in tmp_path.iterdir()}
+    top = int(np.argmax(found.u))
+    assert found.u[top] == 4.0
+    # Where the targets lie the force rises without a jump, and without friction falls the same way.
+    rising, falling = found.net_force[: top + 1], found.net_force[top:][::-1]
+    targets = rising < 0.36
+    assert 0 < np.diff(rising[targets]).max() < 0.05
+    np.testing.assert_allclose(falling[targets], rising[targets], atol=5e-3)
 
 
 def test_finished_study_is_returned_as_it_is(

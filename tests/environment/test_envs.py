@@ -208,6 +208,22 @@ def test_a_system_file_has_spaces_of_its_own_and_is_paid_by_the_same_rule() -> N
     assert reward == pytest.approx(-(abs(0.3 - seen[4]) + 5 * excess) / REWARD_UNIT, abs=1e-4)
 
 
+def test_a_preset_by_name_has_its_own_contacts_and_pictures() -> None:
+    env, spheres = (
+        GripEnv(system=name, observation="mixed", steps=2, camera=SMALL) for name in ("index", "published")
+    )
+    env.reset(seed=0, options={"target": 0.2})
+    seen, reward, _, _, info = env.step([1.0])
+    assert info["u"] == 1.0
+    assert info["converged"]
+    assert info["F_net"] == pytest.approx(seen["state"][2:].sum(), abs=SINGLE)
+    assert reward == pytest.approx(-abs(0.2 - info["F_net"]) / REWARD_UNIT, abs=1e-3)
+    spheres.reset(seed=0, options={"target": 0.2})
+    other = spheres.step([1.0])[0]
+    assert np.abs(other["state"] - seen["state"]).max() > 1e-3
+    assert (other["image"] != seen["image"]).any()
+
+
 def test_every_channel_has_an_action_within_its_own_range(tmp_path: Path) -> None:
     motor = """
 [actuators.torque]

@@ -13,7 +13,13 @@ from exosight.system.simulation import simulate_system
 
 PAGE = (Path(__file__).parents[2] / "docs" / "systems.md").read_text(encoding="utf-8")
 TABLES = [
-    *(description.RodTable, description.RadiusProfile, description.LinkTable, description.JointTable),
+    *(
+        description.RodTable,
+        description.RelaxationTable,
+        description.RadiusProfile,
+        description.LinkTable,
+        description.JointTable,
+    ),
     *(description.SurfaceTable, description.ContactTable, description.ActuatorTable),
     *(description.SensorTable, description.CameraTable, description.VaryTable, description.Description),
 ]

@@ -24,6 +24,10 @@ def profile(entries: str) -> tuple[str, str]:
     return RADIUS, f'radius = {{ unit = "mm", {entries} }}'
 
 
+def relax(*modes: str) -> tuple[str, str]:
+    return YOUNG, f"{YOUNG}\nrelaxation = [{', '.join('{' + mode + '}' for mode in modes)}]"
+
+
 def vary(entry: str, low: str, high: str) -> tuple[str, str]:
     return HEAD, f'{HEAD}vary = [{{ entry = "{entry}", low = {low}, high = {high} }}]\n'
 
@@ -53,6 +57,21 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
     ((YOUNG, f"{YOUNG}\n{YOUNG}"), "not TOML (Cannot overwrite a value (at line"),
     ((YOUNG, ""), "rods.soft.young: expected a value, got none"),
     (('radius = ["10 mm", "8 mm"]', 'radius = "10 mm"'), "links.base.radius: expected a list"),
+    (
+        relax('share = 0.6, time = "1 s"', 'share = 0.4, time = "9 s"'),
+        "expected shares of at most 0.999 in all",
+    ),
+    (relax('share = 0, time = "1 s"'), "rods.soft.relaxation.0.share: expected more than 0, got '0'"),
+    (relax('share = 1, time = "1 s"'), "rods.soft.relaxation.0.share: expected less than 1, got '1'"),
+    (
+        relax('share = 0.1, time = "0 s"'),
+        "rods.soft.relaxation.0.time: expected at least 0.000001 s, got '0 s'",
+    ),
+    (relax('share = 0.1, time = "1 N"'), "relaxation.0.time: expected a time in s, ms, min, h, got '1 N'"),
+    (relax("share = 0.1"), "rods.soft.relaxation.0.time: expected a value, got none"),
+    (relax('share = 0.1, tau = "1 s"'), "relaxation.0.tau: there is no such entry; there are share, time"),
+    ((YOUNG, f"{YOUNG}\nrelaxation = 0.4"), "rods.soft.relaxation: expected a list"),
+    ((YOUNG, f"{YOUNG}\nrelaxation = [0.4]"), "rods.soft.relaxation.0: expected a table"),
     (
         (YOUNG, f"{YOUNG}\nparent = 'hand'"),
         "rods.soft.parent: expected one of soft, base, tip, got 'hand'",

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from exosight.app.console import say
-from exosight.arrays import AnyArray
 from exosight.control.estimator import Reading
 from exosight.control.paths import ControllerConfig
 from exosight.control.recording import Recording
@@ -17,6 +16,7 @@ from exosight.control.trials import Trial
 from exosight.evaluation.figures import Curve, Panel, curves, to_bytes
 from exosight.files import write_new_file
 from exosight.system.schema import Schema
+from exosight.system.simulation import SystemStates
 from exosight.system.system import System
 
 TIME = "time [s]"
@@ -31,28 +31,27 @@ def write_plot(figure: Figure, path: Path) -> None:
 
 
 def plot_path(
-    system: System,
-    commands: Float[np.ndarray, "loads channels"],
-    readings: Float[AnyArray, "loads sensors"],
-    profiles: Mapping[str, np.ndarray],
-    lost: Sequence[bool],
+    system: System, states: SystemStates, profiles: Mapping[str, np.ndarray], lost: Sequence[bool]
 ) -> Figure:
-    """The readings of a system over its command, of several channels over the number of the load; and the
-    force per length along its tubes.
+    """The readings of a system over its command, of several channels over the number of the load, or over
+    the time; and the force per length along its tubes.
 
-    profiles   of all loads, see `force_profiles`
+    profiles   of all states, see `force_profiles`
     lost       loads without an equilibrium, which are left out
     """
-    schema = system.schema
-    if len(schema.channels) == 1:
+    schema, commands = system.schema, states.commands
+    if states.times is not None:
+        x, label = states.times, TIME
+        names = [f"{time:g} s" for time in x]
+    elif len(schema.channels) == 1:
         (channel,) = schema.channels
         x, label = commands[:, 0], f"{channel.name} [{channel.unit}]"
         names = [f"{channel.name} = {u:g} {channel.unit}" for u in x]
     else:
         x, label = np.arange(1.0, len(commands) + 1), "number of the load [-]"
         names = [f"load {number:g}" for number in x]
-    order = np.argsort(x)
-    y = np.where(np.asarray(lost)[:, None], np.nan, np.asarray(readings, float))
+    order = np.argsort(x, kind="stable")
+    y = np.where(np.asarray(lost)[:, None], np.nan, np.asarray(states.observation.readings, float))
     found: dict[str, list[Curve]] = {}
     for column, sensor in enumerate(schema.sensors):
         if sensor.quantity != "force per length":  # drawn along the tube

@@ -118,3 +118,15 @@ class LoopResult:
     def steps(self) -> list[Trial]:
         """The step responses: a target for a while, then 0 N."""
         return [trial for trial in self.trials if trial.released]
+
+
+@dataclass(frozen=True)
+class SurfaceResult:
+    """The controller's exosuit on `index`, which the report shows beside `published`."""
+
+    u: Float[np.ndarray, " steps"]
+    """Actuation, from 0 N up and back [N]."""
+    net_force: Float[np.ndarray, " steps"]
+    """F_net [N]."""
+    trials: Sequence[Trial]
+    """The paper's constant targets, with the shipped network as sensor."""

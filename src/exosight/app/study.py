@@ -12,18 +12,22 @@ from exosight.app.data import Data, load
 from exosight.app.output import new_folder
 from exosight.app.pipeline import MODEL, camera_of, check_training, fit
 from exosight.app.report import write_report, write_tables
-from exosight.app.results import LoopResult, NetworkResult, RobustnessSummary, TrainingRun
+from exosight.app.results import LoopResult, NetworkResult, RobustnessSummary, SurfaceResult, TrainingRun
 from exosight.app.study_config import CONFIG, PRESETS, RunConfig, StudyConfig, read_config, to_text
 from exosight.app.study_report import Results, build_report
 from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials
-from exosight.control.estimator import DEFAULT_MODEL
+from exosight.control.estimator import DEFAULT_MODEL, SHIPPED_MODELS
+from exosight.control.simulated import SimulatedPlant
 from exosight.dataset import Split, make_split
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.generation import generate
+from exosight.dataset.load_paths import load_path
 from exosight.dataset.manifest import MANIFEST
 from exosight.errors import DataError, InputError
 from exosight.evaluation import evaluate_robustness
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.index import NAME as INDEX
+from exosight.exosuit.index import index
 from exosight.exosuit.published import published
 from exosight.files import write_new_file
 from exosight.learning.config import resolve
@@ -64,6 +68,7 @@ def run_study(config: StudyConfig, out: Path, *, resume: bool = False) -> Path:
     say("evaluating on degraded images")
     robustness = _robustness(config, estimators[0], data, splits[config.runs[0].protocol].test)
     loops = _closed_loops(config, estimators[0], data.manifest.camera, folder)
+    surfaces = _surfaces(config, data.manifest.camera, folder)
     say("writing the report")
     results = Results(
         config,
@@ -75,6 +80,7 @@ def run_study(config: StudyConfig, out: Path, *, resume: bool = False) -> Path:
         estimators[0],
         loops,
         _exosuit(config.data),
+        surfaces,
     )
     page = build_report(results, _command(config, out))
     if not (folder / "tables").exists():
@@ -170,6 +176,23 @@ def _closed_loops(
                 write_trials(trials, model, seen_by, part)
         results.append(LoopResult(name, short, short == "shipped", trials))
     return results
+
+
+def _surfaces(config: StudyConfig, camera: Camera, folder: Path) -> SurfaceResult | None:
+    """The exosuit of the closed loop on `index`, with its shipped network where that fits the camera."""
+    place = SHIPPED_MODELS[INDEX]
+    estimator = OnnxEstimator.load(place, threads=2)
+    if camera_of(estimator.card) != camera:
+        return None
+    system = index(_exosuit(config.data), camera)
+    constant = [asked for asked in published_trials() if asked[1][-1] > 0]
+    trials = run_with_progress(system, from_image(estimator, system.schema), constant)
+    if not (folder / "control_index").exists():
+        with new_folder(folder / "control_index") as part:
+            write_trials(trials, place.name, camera, part)
+    plant, commands = SimulatedPlant(system), load_path(system.schema, frames=50, seed=0, number=0).commands
+    net_force = np.array([plant.apply(row).reading(system.schema.controlled) for row in commands])
+    return SurfaceResult(commands[:, 0], net_force, trials)
 
 
 def _exosuit(config: GenerateConfig) -> Exosuit:

@@ -19,6 +19,7 @@ from exosight.app.results import (
     NetworkResult,
     PathSummary,
     RobustnessSummary,
+    SurfaceResult,
     TrainingRun,
 )
 from exosight.app.study_config import SPLIT_WORDS, StudyConfig, to_text
@@ -62,6 +63,8 @@ class Results:
     loops: Sequence[LoopResult]
     exosuit: Exosuit
     """That of the closed loop, for the pictures of how it moves."""
+    surfaces: SurfaceResult | None
+    """The same exosuit on `index`, where its shipped network fits the camera."""
 
 
 def build_report(results: Results, command: str) -> Report:
@@ -72,6 +75,7 @@ def build_report(results: Results, command: str) -> Report:
     seed = results.config.seed
     motion = _drive(results.exosuit, results.data.manifest.camera)
     schema = motion.system.schema
+    path = _path_summary(motion)
     versions = {name: metadata.version(name) for name in ("exosight", "jax", "numpy", "torch", "onnxruntime")}
     return Report(
         title="Contact forces of a soft finger exosuit, estimated from images",
@@ -82,12 +86,17 @@ def build_report(results: Results, command: str) -> Report:
         sections=(
             chapters.introduction(_overview(motion, results.estimator), schema),
             chapters.headline(results.runs, results.network_results, results.robustness, results.loops),
-            chapters.motion(_path_summary(motion)),
+            chapters.motion(path),
             chapters.data_section(_data_summary(results)),
             chapters.learning(results.runs, schema.outputs),
             chapters.accuracy(results.network_results),
             chapters.robustness_section(results.robustness),
             *(chapters.closed_loop(loop) for loop in results.loops),
+            *(
+                [chapters.contact_models(path, results.surfaces, results.loops)]
+                if results.surfaces is not None
+                else []
+            ),
             chapters.limits(),
             chapters.remake(command, to_text(results.config), seed, versions),
         ),

@@ -15,26 +15,35 @@ from exosight.exosuit.catalogue import find_system
 from exosight.exosuit.shapes import TABLE_I
 from exosight.system.designs import FileDesigns
 from exosight.system.schema import Schema, schema_to_dict
-from exosight.system.simulation import SystemStates, simulate_system
+from exosight.system.simulation import SystemStates, simulate_path, simulate_system
 from exosight.system.system import System
 
 
 def simulated_path(
-    name: str, exosuit: ExosuitOptions, u: Sequence[float] | None, commands: Sequence[str] | None
+    name: str,
+    exosuit: ExosuitOptions,
+    u: Sequence[float] | None,
+    commands: Sequence[str] | None,
+    time: Sequence[float] | None = None,
 ) -> tuple[System, SystemStates]:
     """A preset or system file, and its equilibria.
 
     exosuit    of a preset
     u          of a system with one channel: its commands
     commands   texts such as "left=2,right=0.5"; by default each channel from 0 to the far end of its range
+    time       when each is reached [s], see `simulate_path`; by default each is approached from rest
 
-    Raises InputError for a system that is none, options of an exosuit or commands that are not its own.
+    Raises InputError for a system that is none, options of an exosuit, commands or times that are not its
+    own; ConvergenceError for a path in time without a stable equilibrium.
     """
     designs = find_system(name)
     if isinstance(designs, FileDesigns):
         exosuit.refuse("the system file says it itself")
     system = nominal_system(designs, exosuit.exosuit(TABLE_I, name))
-    return system, simulate_system(system, _commands(system.schema, u, commands))
+    path = _commands(system.schema, u, commands)
+    if time is not None:
+        return system, simulate_path(system, path, times=np.array(time, float))
+    return system, simulate_system(system, path)
 
 
 def path_values(system: System, states: SystemStates) -> dict[str, Any]:
@@ -49,7 +58,9 @@ def path_values(system: System, states: SystemStates) -> dict[str, Any]:
 def path_table(result: dict[str, Any]) -> Table:
     """The same as a table: commands, readings, whether the equilibrium was found."""
     schema, records = result["schema"], result["path"]
+    timed = "time" in records[0]
     columns = (
+        *(Column("time", "s") for _ in range(timed)),
         *(Column(each["name"], each["unit"]) for each in schema["channels"]),
         *(Column(each["name"], each["unit"], digits=3) for each in schema["sensors"]),
         Column("ok"),
@@ -57,6 +68,7 @@ def path_table(result: dict[str, Any]) -> Table:
     )
     rows = tuple(
         (
+            *(f"{record['time']:g}" for _ in range(timed)),
             *(f"{value:g}".replace("-", "−") for value in record["commands"].values()),
             *record["readings"].values(),
             "yes" if record["converged"] else "NO",
@@ -110,6 +122,7 @@ def _record(system: System, states: SystemStates, i: int) -> dict[str, Any]:
     readings = seen.readings[i].tolist()
     zones = zip(system.zones, seen.forces[i], seen.normals[i], strict=True)
     return {
+        **({} if states.times is None else {"time": float(states.times[i])}),
         "commands": {c.name: x for c, x in zip(schema.channels, states.commands[i].tolist(), strict=True)},
         "readings": {s.name: finite_or_none(x) for s, x in zip(schema.sensors, readings, strict=True)},
         "zones": {

@@ -30,6 +30,16 @@ def system_tables(system: System, varied: Sequence[VaryTable] = ()) -> list[Tabl
     schema = system.schema
     tables = [
         _bodies(system.bodies),
+        Table(
+            "relaxation",
+            "Relaxation of rods",
+            (Column("rod"), Column("share"), Column("time", "s")),
+            tuple(
+                (each.rod, float(share), float(time))
+                for each in system.relaxations
+                for share, time in zip(each.share, each.time, strict=True)
+            ),
+        ),
         _surfaces(system.surfaces),
         Table(
             "contacts",

@@ -29,7 +29,11 @@ def index(exosuit: Exosuit | ExosuitShape = TABLE_I, camera: Camera = NOMINAL_CA
     stiff: both sides give way. The exosuit's stiffness of contact follows from its modulus.
     """
     worn = exosuit if isinstance(exosuit, Exosuit) else Exosuit(exosuit)
-    spheres = published(worn, camera)
+    return with_surfaces(published(worn, camera), worn)
+
+
+def with_surfaces(spheres: System, worn: Exosuit) -> System:
+    """`published` of an exosuit with contact of surfaces; JAX can differentiate by the system's numbers."""
     middles = floats(worn.finger.sphere_places())
     sensors = tuple(
         ContactForce(sensor.spec, "finger", PlaceZone(number, middles))

@@ -7,7 +7,9 @@ import jax.numpy as jnp
 from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.mechanics import Gravity
+from exosight.mechanics.relaxation import relaxation
 from exosight.mechanics.surface_contact import line_stiffness
+from exosight.mechanics.tree import Tree
 from exosight.system.build_actuators import build_actuators
 from exosight.system.build_bodies import build_bodies, rod_points
 from exosight.system.build_sensors import build_sensors
@@ -31,6 +33,7 @@ def build(description: Description) -> System:
     """
     _check_size(description)
     bodies = build_bodies(description)
+    tree, channels = Tree(bodies), len(description.actuators)
     surfaces = build_surfaces(description)
     named = {surface.name: surface for surface in surfaces}
     contacts = tuple(_contact(description, name, named) for name in description.contacts)
@@ -47,6 +50,17 @@ def build(description: Description) -> System:
             for name, table in description.cameras.items()
         ),
         energies=weight,
+        relaxations=tuple(
+            relaxation(
+                name,
+                [mode.share for mode in rod.relaxation],
+                [mode.time for mode in rod.relaxation],
+                channels,
+                tree,
+            )
+            for name, rod in description.rods.items()
+            if rod.relaxation
+        ),
         visibility=description.visibility,
     )
     _check_use(system)

@@ -25,6 +25,7 @@ from exosight.system.units import (
     Modulus,
     RotaryStiffness,
     Stiffness,
+    Time,
 )
 from exosight.validation import CONFIG, Name, check_unique
 
@@ -40,6 +41,9 @@ Unit01 = Annotated[float, Field(ge=0, le=1)]
 Share = Annotated[float, Field(ge=-1, le=1)]
 Sphere = Annotated[int, Field(ge=0, le=100_000)]
 ORIGIN = (0.0, 0.0, 0.0)
+MOST_RELAXING = 0.999
+"""Largest share of the instantaneous modulus that may relax."""
+
 JOINT_COORDINATES = {"fixed": 0, "revolute": 1, "universal": 2, "spherical": 3}
 """Types of joints, and how many coordinates each has."""
 
@@ -139,14 +143,26 @@ Radius = Annotated[
 
 
 @dataclass(frozen=True, config=CONFIG)
+class RelaxationTable:
+    """A mode of a rod's Prony series: a part of its modulus that relaxes."""
+
+    share: Annotated[float, Field(gt=0, lt=1)]
+    """of the instantaneous modulus"""
+    time: Time
+
+
+@dataclass(frozen=True, config=CONFIG)
 class RodTable:
     """A soft rod along its own x axis."""
 
     length: Length
     radius: Radius
     young: Modulus
+    """what is left of the modulus after long times, of a rod that relaxes"""
     poisson: Annotated[float, Field(gt=-1, le=0.5)] = 0.5
     density: Density = 0.0
+    relaxation: Annotated[tuple[RelaxationTable, ...], Field(max_length=16)] = ()
+    """Prony series of a viscoelastic rod; acts where times are given"""
     strains: Annotated[tuple[Strain, ...], Field(min_length=1, max_length=6)] = ("bend_y", "stretch_x")
     """that it can take"""
     elements: Annotated[int, Field(ge=1, le=64)] = 5
@@ -159,6 +175,12 @@ class RodTable:
 
     def __post_init__(self) -> None:
         check_unique("strains", self.strains)
+        shares = sum(mode.share for mode in self.relaxation)
+        if shares > MOST_RELAXING:
+            raise ValueError(
+                f"relaxation: expected shares of at most {MOST_RELAXING:g} in all, got {shares:g}; "
+                "the rest of the instantaneous modulus is young"
+            )
 
 
 @dataclass(frozen=True, config=CONFIG)

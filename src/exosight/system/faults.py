@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from exosight.errors import InputError
-from exosight.system.description import TABLES, Description, JointTable, RadiusProfile
+from exosight.system.description import TABLES, Description, JointTable, RadiusProfile, RelaxationTable
 from exosight.system.units import si_unit
 from exosight.validation import fault_sentence
 
@@ -92,6 +92,8 @@ def _unknown_entry(place: tuple[str, ...]) -> str:
         table: type = Description
     elif outside[-1] == "joint":
         table = JointTable
+    elif outside[-2:-1] == ["relaxation"]:
+        table = RelaxationTable
     elif outside[-1] == "[table]":
         table = RadiusProfile
     else:

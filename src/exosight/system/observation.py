@@ -109,7 +109,7 @@ def _profiles(
     lengths = {tube.name: tube.along(robot)[-1] for tube in system.tubes}
 
     def at(q: Float[Array, " dofs"], history: Memories) -> dict[str, dict[str, Float[Array, "..."]]]:
-        on = contact_forces(system, robot.with_memories(history), walk(robot, q))
+        on = contact_forces(system, system.robot_at(history), walk(robot, q))
         found = {}
         for name in tubes:
             forces, length = on[name], lengths[name]
@@ -130,7 +130,7 @@ def observe(
 ) -> Observation:
     """Sensors and surfaces of stacked systems at coordinates q, see `stack_systems`.
 
-    history   of each state, see `Equilibria`; only systems with friction have one
+    history   of each state, see `Equilibria`; only systems with friction or in time have one
     returns   with batch dimensions (systems, states)
 
     Raises InputError for a history that is not the systems'.
@@ -142,7 +142,7 @@ def observe(
 
 def observe_state(system: System, q: Float[Array, " dofs"], history: Memories = ()) -> Observation:
     """The same of one system at one state; JAX can differentiate it."""
-    robot = system.robot.with_memories(history)
+    robot = system.robot_at(history)
     motion = walk(robot, q)
     surfaces = {surface.name: surface for surface in system.surfaces}
     at = SensorInput(robot, q, contact_forces(system, robot, motion), {})

@@ -12,10 +12,11 @@ from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.contact import SphereContact
 from exosight.mechanics.friction import friction
+from exosight.mechanics.relaxation import Relaxation
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube
-from exosight.mechanics.term import Term
+from exosight.mechanics.term import Memories, Term
 from exosight.mechanics.tree import Body, Tree
 from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.camera import Camera, Visibility
@@ -121,6 +122,7 @@ class System(eqx.Module):
     sensors     in the order in which they are read
     cameras     names and cameras (static)
     energies    further terms, such as weight
+    relaxations of rods, on the channel after those of the actuators; they act where times are given
     visibility  which of several tubes cameras show, see `exosight.system.camera.Visibility` (static)
 
     Raises InputError for a name that is used twice, or one that names nothing, and for contacts of surfaces
@@ -135,6 +137,7 @@ class System(eqx.Module):
     sensors: tuple[Sensor, ...]
     cameras: tuple[tuple[str, Camera], ...] = eqx.field(static=True)
     energies: tuple[Term, ...] = ()
+    relaxations: tuple[Relaxation, ...] = ()
     visibility: Visibility = eqx.field(static=True, default="depth")
 
     def __check_init__(self) -> None:
@@ -167,6 +170,19 @@ class System(eqx.Module):
             if contact.friction is not None
         )
         return Robot(self.bodies, (*actuators, *contacts, *frictions, *self.energies))
+
+    @property
+    def robot_in_time(self) -> Robot:
+        """The same with relaxing rods; its last load, after those of the channels, is the time [s].
+
+        Without it loads change infinitely slowly, so that of the modulus nothing is left that relaxes.
+        """
+        return Robot(self.bodies, (*self.robot.terms, *self.relaxations))
+
+    def robot_at(self, history: Memories) -> Robot:
+        """The robot with the memories of a state, in time or not; InputError for other memories."""
+        in_time = len(history) > len(self.robot.memories)
+        return (self.robot_in_time if in_time else self.robot).with_memories(history)
 
     @property
     def contact_terms(self) -> tuple[ContactTerm, ...]:

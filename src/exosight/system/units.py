@@ -42,9 +42,22 @@ ROTARY_STIFFNESS = Kind(
         "N mm/deg": 0.18 / math.pi,
     },
 )
+TIME = Kind("a time", "20 s", {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0})
 ACCELERATION = Kind("an acceleration", "9.81 m/s^2", {"m/s^2": 1.0})
 
-KINDS = (LENGTH, ANGLE, MODULUS, DENSITY, MASS, FORCE, TORQUE, STIFFNESS, ROTARY_STIFFNESS, ACCELERATION)
+KINDS = (
+    LENGTH,
+    ANGLE,
+    MODULUS,
+    DENSITY,
+    MASS,
+    FORCE,
+    TORQUE,
+    STIFFNESS,
+    ROTARY_STIFFNESS,
+    TIME,
+    ACCELERATION,
+)
 
 
 def split_quantity(text: Any, example: str) -> tuple[float, str]:
@@ -91,4 +104,5 @@ Mass = Annotated[float, BeforeValidator(to_si(MASS)), Field(ge=0, le=1e3)]
 Force = Annotated[float, BeforeValidator(to_si(FORCE)), Field(gt=0, le=1e6)]
 Stiffness = Annotated[float, BeforeValidator(to_si(STIFFNESS)), Field(gt=0, le=1e9)]
 RotaryStiffness = Annotated[float, BeforeValidator(to_si(ROTARY_STIFFNESS)), Field(ge=0, le=1e6)]
+Time = Annotated[float, BeforeValidator(to_si(TIME)), Field(ge=1e-6, le=1e9)]
 Acceleration = Annotated[float, BeforeValidator(to_si(ACCELERATION)), Field(ge=-1e4, le=1e4)]

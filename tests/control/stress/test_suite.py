@@ -1,5 +1,7 @@
 """Episodes in closed loop on the simulated plant, ten at a time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,9 +12,11 @@ from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import Episode, draw_episode
 from exosight.control.stress.frames import true_sensor
 from exosight.control.stress.measures import measure_episode, summary
+from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.suite import Traces, Unguarded, run_episodes
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.catalogue import find_system
 from exosight.exosuit.published import published
 from exosight.vision import Camera, resized
 
@@ -85,3 +89,14 @@ def test_bad_batches_are_refused(config, episodes):
         run_episodes([], [], true_sensor, config)
     with pytest.raises(InputError, match="each with a controller"):
         run_episodes(episodes, [Guarded(Scheduled(config))], true_sensor, config)
+
+
+def test_the_law_has_the_papers_gain_on_every_preset_and_another_for_another_sensor(
+    plants: StressPlants, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits = plants.limits
+    of_index = replace(limits, schema=replace(limits.schema, system="index"))
+    monkeypatch.setattr("exosight.control.stress.plants.tune", lambda *_: of_index)
+    assert stress_plants(find_system("index")).gain == 5.0
+    monkeypatch.setattr("exosight.control.stress.plants.tune", lambda *_: replace(of_index, sensor="C6"))
+    assert stress_plants(find_system("index")).gain == limits.default_gain != 5.0

@@ -47,6 +47,7 @@ def simulate(
     u: Numbers = None,
     system: SystemName = PUBLISHED,
     commands: Texts = None,
+    time: Numbers = None,
     poses: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     plot: Plot = None,
     json: Json = None,
@@ -64,6 +65,7 @@ def simulate(
       exosight simulate --system index --r0 0.01 --r1 0.005 --length 0.095 --u 2.4
       exosight simulate --system thumb.toml --u 1 2 4
       exosight simulate --system hand.toml --commands left=2,right=0.5 left=3
+      exosight simulate --system slow.toml --u 0 2 2 2 --time 0 1 10 100
 
     Args:
         exosuit: the exosuit
@@ -72,6 +74,9 @@ def simulate(
         system: a preset or a system file, see `exosight system`
         commands: of a system, each one equilibrium: NAME=NUMBER of each channel, commas in between;
             channels left out rest at 0
+        time: of a system file whose rods relax: when each load is reached [s], from rest at 0 s, one after
+            the other; loads change evenly in between, at once where two times are equal. If left out,
+            loads change infinitely slowly
         poses: add the centreline and the radii of every body to the JSON: axis_NAME, radius_NAME [m]; and
             along every tube that is pressed on force_per_length_NAME [N/m] at the distances place_NAME [m]
         plot: draw all readings over the command, and the force per length along every tube that is pressed
@@ -82,18 +87,20 @@ def simulate(
     if poses and json is None:
         raise InputError("--poses: expected --json with it; a table has no room for them")
     check_plot(plot)
-    if system != PUBLISHED or commands is not None:
+    if system != PUBLISHED or commands is not None or time is not None:
         # Here, so that --help and wrong options answer at once: JAX takes a second to import.
         from exosight.app.system_path import path_table, path_values, simulated_path
 
         with waiting(WAITING):
-            shown, states = simulated_path(system, exosuit, u, commands)
-        result = path_values(shown, states)
+            nominal, states = simulated_path(system, exosuit, u, commands, time)
+        result = path_values(nominal, states)
         table = path_table(result)
-        found = shown, states.commands, states.observation, states.equilibria
+        if nominal.relaxations and time is None:
+            say("loads change infinitely slowly, so rods have relaxed; give --time to see how they do")
     else:
         worn = exosuit.exosuit(TABLE_I, PUBLISHED)
         from exosight.exosuit.simulation import simulate as solve
+        from exosight.system.simulation import SystemStates
 
         with waiting(WAITING):
             solved = solve(worn, LOADS if u is None else u)
@@ -101,21 +108,21 @@ def simulate(
         about = {name: getattr(worn, name) for name in ("young", "contact_stiffness", "gap")}
         result = {"exosuit": {**shape_to_dict(worn.shape), **about}, "units": UNITS, "path": records}
         table = _table(records)
-        found = solved.system, solved.u[:, None], solved.observation, solved.equilibria
-    nominal, loads, seen, rest = found
-    _say_faults(nominal, seen, result["path"])
+        nominal = solved.system
+        states = SystemStates(solved.u[:, None], solved.equilibria, solved.observation)
+    _say_faults(nominal, states.observation, result["path"])
     if poses or plot is not None:
         from exosight.system.observation import POSE_UNITS, PROFILE_UNITS, body_shapes, force_profiles
 
-        profiles = force_profiles(nominal, rest.q, rest.history)
+        profiles = force_profiles(nominal, states.equilibria.q, states.equilibria.history)
         if poses:
-            arrays = body_shapes(nominal, seen.axes) | profiles
+            arrays = body_shapes(nominal, states.observation.axes) | profiles
             _add_arrays(result, arrays, POSE_UNITS | PROFILE_UNITS)
         if plot is not None:
             from exosight.app.plots import plot_path, write_plot
 
             lost = [not record["converged"] for record in result["path"]]
-            write_plot(plot_path(nominal, loads, seen.readings, profiles, lost), plot)
+            write_plot(plot_path(nominal, states, profiles, lost), plot)
     show_or_write([table], result, json)
 
 

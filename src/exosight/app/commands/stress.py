@@ -41,7 +41,7 @@ def stress(
         episodes: how many
         seed: seed of all that is drawn
         gains: K_P of the paper's law [channel's unit per sensor's], one run each; none: the guarded
-            controller alone; default: 5 for the published system's F_net, otherwise half of what the
+            controller alone; default: 5, the paper's, for F_net of the presets, otherwise half of what the
             steepest part of the path asks for
         loop: what is driven; the `vary` tables of a system file are what may be wrong about it
         model: exported network, from `exosight train`, or 'shipped', the package's own for the system;
@@ -57,7 +57,7 @@ def stress(
 
     model = None if model is None else model_path(model, loop.system)
     plants, look = prepare(find_system(loop.system), model, loop.sensor, loop.channel)
-    gains = plants.gains if gains is None else gains
+    gains = (plants.gain,) if gains is None else gains
     with results_folder(out) as folder:
         outcomes = run_stress(config, episodes, seed, gains, plants, look)
         found = results(outcomes, about(config, episodes, seed, gains, model, plants))

@@ -9,7 +9,7 @@ from exosight.control.trials import CONTROL_SHAPE, STEADY_STATE_GAIN
 from exosight.control.tuning import tune
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit, varied
-from exosight.exosuit.published import NAME, Preset, PublishedDesigns
+from exosight.exosuit.published import Preset, PublishedDesigns
 from exosight.exosuit.variation import PlantVariation, draw_variant
 from exosight.system.camera import Camera
 from exosight.system.design import Design
@@ -46,6 +46,8 @@ class StressPlants:
     other         a system that differs from it, by (seed, number)
     targets       smallest and largest target by default [the sensor's unit]
     snap_targets  constant targets around the jump of the nominal system [the sensor's unit]
+    gain          K_P of the paper's law [channel's unit per sensor's]: the paper's for F_net of its exosuit,
+                  whichever preset; else what suits the path
     """
 
     limits: ControllerConfig
@@ -53,12 +55,7 @@ class StressPlants:
     other: Callable[[int, int], System]
     targets: Limits
     snap_targets: Limits
-
-    @property
-    def gains(self) -> tuple[float, ...]:
-        """K_P of the paper's law [channel's unit per sensor's]: the paper's, or what suits another system."""
-        paper = self.limits.schema.system == NAME and self.limits.sensor == self.limits.schema.controlled
-        return (STEADY_STATE_GAIN if paper else self.limits.default_gain,)
+    gain: float
 
 
 def stress_plants(
@@ -80,8 +77,10 @@ def stress_plants(
     limits = tune(nominal, sensor, channel)
     other = _others(designs.preset, exosuit, camera)
     if limits.sensor == nominal.schema.controlled:
-        return StressPlants(limits, nominal, other, PUBLISHED_TARGETS, PUBLISHED_SNAP_TARGETS)
-    return StressPlants(limits, nominal, other, *_targets(limits))
+        return StressPlants(
+            limits, nominal, other, PUBLISHED_TARGETS, PUBLISHED_SNAP_TARGETS, STEADY_STATE_GAIN
+        )
+    return StressPlants(limits, nominal, other, *_targets(limits), limits.default_gain)
 
 
 def _others(preset: Preset, exosuit: Exosuit, camera: Camera) -> Callable[[int, int], System]:
@@ -103,7 +102,7 @@ def _of_file(designs: FileDesigns, sensor: str | None, channel: str | None) -> S
         # Design k is the same however many are drawn; as many as the next power of two are drawn but once.
         return designs.build(drawn(seed, 1 << number.bit_length())[number])
 
-    return StressPlants(limits, nominal, other, *_targets(limits))
+    return StressPlants(limits, nominal, other, *_targets(limits), limits.default_gain)
 
 
 def _targets(limits: ControllerConfig) -> tuple[Limits, Limits]:
