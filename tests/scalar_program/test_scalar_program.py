@@ -74,6 +74,11 @@ def test_functions_of_positive_numbers(function: Callable) -> None:
         lambda a, b: a.at[jnp.array([0, 7])].get(mode="fill", fill_value=2.5) + b[:2],
         lambda a, b: jnp.pad(a, ((1, 0), (0, 2)), constant_values=3.0)[:, :3] * jnp.pad(b, ((1, 0), (0, 0))),
         lambda a, b: jax.lax.pad(a, 0.0, ((1, -1, 1), (0, 0, 0))).sum() + jnp.clip(b, -0.2, 0.3),
+        lambda a, b: jnp.linalg.cholesky(a @ a.T + jnp.eye(3)) @ b,
+        lambda a, b: jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(a @ a.T + jnp.eye(3)), True), b),
+        lambda a, b: jax.scipy.linalg.solve_triangular(jnp.triu(a) + 2 * jnp.eye(3), b),
+        lambda a, b: jax.scipy.linalg.solve_triangular(jnp.tril(a) + 2 * jnp.eye(3), b, lower=True, trans=1),
+        lambda a, b: jnp.isfinite(jnp.linalg.cholesky(a @ a.T - jnp.eye(3))[-1, -1]),
         lambda a, b: jax.lax.scan(lambda c, row: (c * row + b[0], c.sum()), a[0], b),
         lambda a, b: jax.lax.scan(lambda c, row: (c + row, c), a[0], b, reverse=True),
         lambda a, b: jax.lax.dynamic_slice(a, (5, 1), (2, 2)) - b[:2, :2],
@@ -157,9 +162,10 @@ def test_what_is_not_a_number_stays_so() -> None:
     [
         (lambda x: jax.lax.while_loop(lambda v: v.sum() < 3, lambda v: 2 * v, x), "while"),
         (lambda x: jnp.sort(x), "sort"),
+        (lambda x: jnp.linalg.cholesky(jnp.stack([jnp.diag(x)] * 2)), "several matrices"),
+        (lambda x: jax.scipy.linalg.solve_triangular(jnp.diag(x), x, unit_diagonal=True), "other kinds"),
         (lambda x: x[jnp.argmax(x)], "dynamic_slice"),
         (lambda x: jax.lax.cond(x[0] > 0, jnp.sin, jnp.cos, x), "cond"),
-        (lambda x: jnp.linalg.cholesky(jnp.diag(x)), "cholesky"),
     ],
 )
 def test_what_cannot_be_unrolled_is_named(function: Callable, named: str) -> None:

@@ -27,7 +27,7 @@ CORRECTIONS = 10
 
 
 STIFFENING = 1e3
-"""σ: what ∇²Π is made stiffer by along the branch, relative to the metric; more than it may fall below zero."""
+"""σ: what ∇²Π is made stiffer by along the branch, relative to the metric: more than it falls below zero."""
 
 
 class Problem(NamedTuple):

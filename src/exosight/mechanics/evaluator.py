@@ -20,12 +20,11 @@ from exosight.mechanics.robot import Robot
 from exosight.mechanics.term import Memories
 from exosight.scalar_program import Unrolled, Unsupported, unroll
 
-
 Solve: TypeAlias = Callable[
     [Float[AnyArray, "dofs dofs"], Float[AnyArray, "dofs right"]],
     tuple[Float[Array, "dofs right"], Bool[Array, ""]],
 ]
-"""(symmetric matrix, right sides) -> (solutions, whether it is positive definite; they mean nothing if not)."""
+"""(symmetric matrix, right sides) -> (solutions, whether it is positive definite; else they mean nothing)."""
 
 
 class Evaluator(NamedTuple):
@@ -64,7 +63,7 @@ def by_program(program: Unrolled, robot: Robot) -> Evaluator:
         (found, remembered), pose = program(1, design, (q, loads, memories))
         return found, remembered, pose
 
-    def solve(matrix: Array, right: Array) -> tuple[Array, Array]:
+    def solve(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
         return _solver(*right.shape)(0, None, (matrix, right))[0]
 
     return Evaluator(evaluate, lambda pose, step: program(2, pose, (step,))[0], solve)
@@ -96,7 +95,7 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
         return None
 
 
-def _solve(matrix: Array, right: Array) -> tuple[Array, Array]:
+def _solve(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
     factor = jnp.linalg.cholesky(matrix, symmetrize_input=False)
     return cho_solve((factor, True), right), jnp.isfinite(factor[-1, -1])
 
