@@ -19,9 +19,18 @@ from exosight.errors import DataError
 LARGEST_BLOCK = 2**28
 """Largest part of an array that is unpacked at once [bytes]."""
 
+LARGEST_HEAPS = 2**22
+"""Largest sum of what the texts of a file take [bytes]."""
+
 _SIGNATURE = b"\x89HDF\r\n\x1a\n\x03"
 _SUPERBLOCK = 44  # bytes, before its checksum
 _MARK, _SIZE = 11, slice(28, 36)  # where it says that the file is open, and how long it is
+
+_HEAP = b"GCOL\1"
+"""What a heap of texts begins with."""
+
+_BLOCK = 2**24
+"""Bytes that are searched for heaps at a time."""
 
 _DEFLATE = 1032
 """At most this many times smaller an array gets by Deflate."""
@@ -35,6 +44,7 @@ def opened(content: BufferedIOBase, name: object, what: str) -> Iterator[h5py.Fi
     what   it is expected to be
     """
     try:
+        _check_heaps(content)
         with h5py.File(content, "r") as file:
             yield file
     except DataError:
@@ -50,6 +60,44 @@ def opened(content: BufferedIOBase, name: object, what: str) -> Iterator[h5py.Fi
         ArithmeticError,
     ) as error:
         raise DataError(f"{name}: damaged, or not {what} ({error})") from error
+
+
+def _check_heaps(content: BufferedIOBase) -> None:
+    """ValueError for a heap of texts that HDF5 would read without end: each says where the next begins.
+
+    Source: HDF5 File Format Specification 3.0, "Global Heap" and "Superblock".
+    """
+    content.seek(0)
+    head = content.read(15)
+    if head[:8] != _SIGNATURE[:8] or (head[9:11] if head[8] >= 2 else head[13:15]) != b"\x08\x08":
+        raise ValueError("no HDF5 file with addresses and lengths of 8 bytes from its first byte on")
+    size, at, left = content.seek(0, os.SEEK_END), 0, LARGEST_HEAPS
+    while at < size:
+        content.seek(at)
+        block = content.read(_BLOCK + len(_HEAP) - 1)
+        found = block.find(_HEAP)
+        while found >= 0:
+            content.seek(at + found + 8)
+            length = int.from_bytes(content.read(8), "little")
+            if length <= size - at - found:  # HDF5 refuses what the file has no room for
+                left -= length
+                if left < 0:
+                    raise ValueError(f"heaps of texts of more than {LARGEST_HEAPS} bytes")
+                _check_heap(content.read(max(0, length - 16)))
+            found = block.find(_HEAP, found + 1)
+        at += _BLOCK
+    content.seek(0)
+
+
+def _check_heap(objects: bytes) -> None:
+    at = 0
+    while at + 16 <= len(objects):
+        length = int.from_bytes(objects[at + 8 : at + 16], "little")
+        if any(objects[at : at + 2]):  # an object, and not the space that is left
+            length += 16 + -length % 8
+        if not 0 < length < 2**63:
+            raise ValueError("a heap of texts without an end")
+        at += length
 
 
 class _Closed(BufferedReader):

@@ -57,6 +57,22 @@ def test_links_are_refused_before_they_are_followed(recording: Path, name: str) 
         assert "or a link" in altered(recording, lead_outside)
 
 
+@pytest.mark.parametrize(
+    ("at", "number", "sentence"),
+    [
+        (24, 2**64 - 16, "without an end"),  # of the first object: with its head, as long as nothing
+        (8, 2**22 + 1, "heaps of texts of more than"),  # of the whole heap
+    ],
+)
+def test_texts_that_never_end_are_refused(recording: Path, at: int, number: int, sentence: str) -> None:
+    """HDF5 goes from one text of a heap to the next by the length that each has in the file."""
+    content = recording.read_bytes() + bytes(2**22)
+    heap = content.index(b"GCOL") + at
+    recording.write_bytes(content[:heap] + number.to_bytes(8, "little") + content[heap + 8 :])
+    with pytest.raises(DataError, match=sentence):
+        read_recording(recording)
+
+
 def test_arrays_outside_of_the_file_are_refused_unopened(recording: Path) -> None:
     pipe = recording.with_name("pipe")
     os.mkfifo(pipe)
