@@ -265,7 +265,7 @@ def test_every_slider_and_list_changes_what_it_says(open_page: Callable[..., Pag
     commands = {page.locator("#command").input_value()}
     for family in ("sine", "cosine_sum", "sine_cosine", "legendre"):
         page.get_by_label("Family").select_option(family)
-        expect(page.locator("#command")).to_have_value(re.compile(f"--vary family={family}"))
+        expect(page.locator("#command")).to_have_value(re.compile(f"--vary family={family}"), timeout=SOON)
         commands.add(page.locator("#command").input_value())
     for label in ("Young's modulus, kPa, as a number", "Zoom, %, as a number"):
         number = page.get_by_label(label)
