@@ -60,6 +60,20 @@ def test_everything_at_once_out_of_the_plane(tree: Robot) -> None:
     check(tree)
 
 
+@pytest.mark.parametrize("last", [2.0, 0.0, -1.0])
+def test_only_positive_definite_matrices_are_solved(chain: Robot, last: float) -> None:
+    """Also without its last pivot alone, which LAPACK refuses and a square root does not."""
+    matrix, right = jnp.diag(jnp.array([1.0, 3.0, last])), jnp.ones((3, 2))
+    leaves, structure = jax.tree.flatten(chain)
+    program = program_of(structure, tuple(np.shape(leaf) for leaf in leaves), 1)
+    assert program is not None
+    for evaluator in (by_program(program, chain), by_xla(chain)):
+        found, definite = jax.jit(evaluator.solve)(matrix, right)
+        assert definite == (last > 0)
+        if last > 0:
+            np.testing.assert_allclose(matrix @ found, right, rtol=1e-15)
+
+
 def test_chain(chain: Robot) -> None:
     check(chain)
 

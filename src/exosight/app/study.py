@@ -15,7 +15,7 @@ from exosight.app.report import write_report, write_tables
 from exosight.app.results import LoopResult, NetworkResult, RobustnessSummary, SurfaceResult, TrainingRun
 from exosight.app.study_config import CONFIG, PRESETS, RunConfig, StudyConfig, read_config, to_text
 from exosight.app.study_report import Results, build_report
-from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials
+from exosight.control import CONTROL_SHAPE, OnnxEstimator, Trial, from_image, published_trials
 from exosight.control.estimator import DEFAULT_MODEL, SHIPPED_MODELS
 from exosight.control.simulated import SimulatedPlant
 from exosight.dataset import Split, make_split
@@ -171,11 +171,16 @@ def _closed_loops(
         system = published(_exosuit(config.data), seen_by)
         measure = from_image(estimator, system.schema)
         trials = run_with_progress(system, measure, published_trials())
-        if not place.exists():
-            with new_folder(place) as part:
-                write_trials(trials, model, seen_by, part)
+        _keep_trials(trials, model, seen_by, place)
         results.append(LoopResult(name, short, short == "shipped", trials))
     return results
+
+
+def _keep_trials(trials: Sequence[Trial], model: str, camera: Camera, place: Path) -> None:
+    """The trials in a new folder, unless an earlier run has left it."""
+    if not place.exists():
+        with new_folder(place) as part:
+            write_trials(trials, model, camera, part)
 
 
 def _surfaces(config: StudyConfig, camera: Camera, folder: Path) -> SurfaceResult | None:
@@ -187,9 +192,7 @@ def _surfaces(config: StudyConfig, camera: Camera, folder: Path) -> SurfaceResul
     system = index(_exosuit(config.data), camera)
     constant = [asked for asked in published_trials() if asked[1][-1] > 0]
     trials = run_with_progress(system, from_image(estimator, system.schema), constant)
-    if not (folder / "control_index").exists():
-        with new_folder(folder / "control_index") as part:
-            write_trials(trials, place.name, camera, part)
+    _keep_trials(trials, place.name, camera, folder / "control_index")
     plant, commands = SimulatedPlant(system), load_path(system.schema, frames=50, seed=0, number=0).commands
     net_force = np.array([plant.apply(row).reading(system.schema.controlled) for row in commands])
     return SurfaceResult(commands[:, 0], net_force, trials)

@@ -60,7 +60,7 @@ def path_table(result: dict[str, Any]) -> Table:
     schema, records = result["schema"], result["path"]
     timed = "time" in records[0]
     columns = (
-        *(Column("time", "s") for _ in range(timed)),
+        *([Column("time", "s")] if timed else []),
         *(Column(each["name"], each["unit"]) for each in schema["channels"]),
         *(Column(each["name"], each["unit"], digits=3) for each in schema["sensors"]),
         Column("ok"),
@@ -68,7 +68,7 @@ def path_table(result: dict[str, Any]) -> Table:
     )
     rows = tuple(
         (
-            *(f"{record['time']:g}" for _ in range(timed)),
+            *([f"{record['time']:g}"] if timed else []),
             *(f"{value:g}".replace("-", "−") for value in record["commands"].values()),
             *record["readings"].values(),
             "yes" if record["converged"] else "NO",

@@ -132,7 +132,7 @@ def bracket(metric: Metric, anchor: Anchor, beyond: Beyond, narrow: Float[AnyArr
     """
     speed = jnp.maximum(metric.size(anchor.tangent), 1e-300)
     dq_a, dt_a = anchor.tangent / speed, 1 / speed
-    c = metric.matrix @ dq_a
+    c = across(metric, anchor)
     between = beyond.q - anchor.q
     s_b = c @ between
     forward = c @ beyond.dq

@@ -97,7 +97,8 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
 
 def _solve(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
     factor = jnp.linalg.cholesky(matrix, symmetrize_input=False)
-    return cho_solve((factor, True), right), jnp.isfinite(factor[-1, -1])
+    last = factor[-1, -1]  # not a number if a pivot before was not positive
+    return cho_solve((factor, True), right), jnp.isfinite(last) & (last > 0)
 
 
 @cache
