@@ -13,7 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
-from exosight.mechanics.energy import potential
+from exosight.mechanics.energy import Evaluation, potential
 from exosight.mechanics.metric import metric_of
 from exosight.mechanics.robot import Robot
 
@@ -41,8 +41,7 @@ def differentiable(
     Raises a RuntimeError (also from compiled code, when it runs) where the pose is about to snap, is
     unstable, or is no equilibrium at all: there it has no derivative.
     """
-    q = jax.lax.stop_gradient(jnp.asarray(q))
-    here, _ = potential(robot)(q, jnp.asarray(loads))
+    q, here = _expanded(robot, loads, q)
     still, hessian = jax.lax.stop_gradient((here.gradient, here.jacobian))
     factor = jnp.linalg.cholesky(jax.lax.stop_gradient(metric_of(robot)))
     inverse = jax.scipy.linalg.solve_triangular(factor, jnp.eye(len(q)), lower=True)
@@ -63,3 +62,22 @@ def differentiable(
         "is not below 1e-6; give the q that `follow` found for them",
     )
     return q - jnp.linalg.solve(hessian, here.gradient - still)
+
+
+def differentiable_unchecked(
+    robot: Robot, loads: Float[AnyArray, " loads"], q: Float[AnyArray, " dofs"]
+) -> Float[Array, " dofs"]:
+    """The same for an equilibrium that is known to be stable, as `Equilibria` says: nothing is checked again.
+
+    Compiled code that checks is compiled anew in every process; this is kept by JAX's cache of compiled code.
+    """
+    q, here = _expanded(robot, loads, q)
+    still, hessian = jax.lax.stop_gradient((here.gradient, here.jacobian))
+    return q - jnp.linalg.solve(hessian, here.gradient - still)
+
+
+def _expanded(
+    robot: Robot, loads: Float[AnyArray, " loads"], q: Float[AnyArray, " dofs"]
+) -> tuple[Float[Array, " dofs"], Evaluation]:
+    q = jax.lax.stop_gradient(jnp.asarray(q))
+    return q, potential(robot)(q, jnp.asarray(loads))[0]

@@ -46,7 +46,7 @@ def build(description: Description) -> System:
         actuators=build_actuators(description),
         sensors=build_sensors(description, named),
         cameras=tuple(
-            (name, Camera(table.centre, table.pixel, table.width, table.height))
+            (name, Camera(table.centre, table.pixel, table.width, table.height, table.roll))
             for name, table in description.cameras.items()
         ),
         energies=weight,

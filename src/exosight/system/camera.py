@@ -1,6 +1,6 @@
 """The camera: an orthographic picture of the x–z plane at a fixed scale.
 
-It looks along +y, so world x runs to the right and world z runs up. Pixel coordinates are (column, row)
+It looks along +y, so without a roll world x runs to the right and world z runs up. Pixel coordinates are (column, row)
 with the origin at the upper left corner of the picture: pixel (j, i) covers columns j…j+1 and rows
 i…i+1, and its centre lies at (j + 0.5, i + 0.5).
 """
@@ -35,21 +35,26 @@ class Camera:
     """Image width [pixels]."""
     height: Annotated[int, Field(ge=1, le=LARGEST_SIDE)] = 128
     """Image height [pixels]."""
+    roll: Annotated[float, Field(ge=-np.pi, le=np.pi)] = 0.0
+    """By which the image is turned clockwise about its middle, as of a camera turned the other way [rad]."""
 
 
 def project(camera: Camera, points: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 2"]:
     """Pixel coordinates of world points.
 
-    column = width/2 + (x − x_centre)/s,  row = height/2 − (z − z_centre)/s,  s = metres per pixel.
+    (column, row) = (width, height)/2 + R(roll) (x − x_centre, z_centre − z)/s,  s = metres per pixel.
 
     points   (*batch, 3)  world [m]; y, the depth, does not matter
     returns  (*batch, 2)  column and row [pixels]; pixel centres lie at integer + 0.5
     """
     x, z = camera.centre
+    right = (points[..., 0] - x) / camera.metres_per_pixel
+    up = (points[..., 2] - z) / camera.metres_per_pixel
+    sine, cosine = np.sin(camera.roll), np.cos(camera.roll)
     return np.stack(
         [
-            camera.width / 2 + (points[..., 0] - x) / camera.metres_per_pixel,
-            camera.height / 2 - (points[..., 2] - z) / camera.metres_per_pixel,
+            camera.width / 2 + (cosine * right + sine * up),
+            camera.height / 2 - (cosine * up - sine * right),
         ],
         axis=-1,
     )

@@ -23,6 +23,7 @@ from exosight.system.units import (
     Length,
     Mass,
     Modulus,
+    Roll,
     RotaryStiffness,
     Stiffness,
     Time,
@@ -314,6 +315,8 @@ class CameraTable:
     """side of a pixel in the world"""
     width: Annotated[int, Field(ge=16, le=LARGEST_SIDE)] = 128
     height: Annotated[int, Field(ge=16, le=LARGEST_SIDE)] = 128
+    roll: Roll = 0.0
+    """by which the image is turned clockwise about its middle"""
 
 
 @dataclass(frozen=True, config=CONFIG)

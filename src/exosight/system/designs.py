@@ -134,13 +134,11 @@ class FileDesigns:
 
     def build(self, design: Design) -> System:
         """The system of the file with the design's entries in the place of its own."""
-        values = self.values
         varied = {table.entry for table in self.varied}
-        for entry, value in design.parameters.items():
+        for entry in design.parameters:
             if entry not in varied:
                 raise InputError(f"design {design.number}: {entry} does not vary in {self.name}")
-            values = replaced(values, entry, value)
-        return build(describe(values))
+        return build(describe(replaced(self.values, design.parameters)))
 
     def numbers(self, design: Design) -> dict[str, float]:
         """The varied entries, as numbers in the units of the file."""

@@ -4,6 +4,7 @@ import copy
 import csv
 import math
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -67,19 +68,20 @@ def describe(values: Values) -> Description:
         raise InputError(sentence(error)) from None
 
 
-def replaced(values: Values, entry: str, value: Any) -> Values:
-    """The entries with another value at a place such as "rods.sleeve.young" or "links.distal.radius.0".
+def replaced(values: Values, entries: Mapping[str, Any]) -> Values:
+    """The entries with other values at places such as "rods.sleeve.young" or "links.distal.radius.0".
 
     Raises InputError if there is no such entry, or it is a table or a list.
     """
     changed = copy.deepcopy(values)
-    at: Any = changed
-    *steps, last = entry.split(".")
-    for step in steps:
-        at = _inside(at, step, entry)
-    if isinstance(_inside(at, last, entry), dict | list):
-        raise InputError(f"{entry}: expected a single value, got a table or a list")
-    at[int(last) if isinstance(at, list) else last] = value
+    for entry, value in entries.items():
+        at: Any = changed
+        *steps, last = entry.split(".")
+        for step in steps:
+            at = _inside(at, step, entry)
+        if isinstance(_inside(at, last, entry), dict | list):
+            raise InputError(f"{entry}: expected a single value, got a table or a list")
+        at[int(last) if isinstance(at, list) else last] = value
     return changed
 
 

@@ -98,6 +98,7 @@ def to_si(kind: Kind) -> Callable[[Any], float]:
 Length = Annotated[float, BeforeValidator(to_si(LENGTH)), Field(gt=0, le=1e3)]
 Distance = Annotated[float, BeforeValidator(to_si(LENGTH)), Field(ge=-1e3, le=1e3)]
 Angle = Annotated[float, BeforeValidator(to_si(ANGLE)), Field(ge=-100, le=100)]
+Roll = Annotated[float, BeforeValidator(to_si(ANGLE)), Field(ge=-math.pi, le=math.pi)]
 Modulus = Annotated[float, BeforeValidator(to_si(MODULUS)), Field(ge=1.0, le=1e13)]
 Density = Annotated[float, BeforeValidator(to_si(DENSITY)), Field(ge=0, le=1e5)]
 Mass = Annotated[float, BeforeValidator(to_si(MASS)), Field(ge=0, le=1e3)]

@@ -1,0 +1,207 @@
+"""Identification of simulated rigs that differ from the model, against their true parameters.
+
+    python -m benchmarks.identification [--rigs 30]
+
+writes docs/results/identification.json, which docs/identification.md shows. Every rig is `index` with another
+modulus (± 40 %), joints (± 50 %), links (± 10 %) and camera (moved by up to 10 mm, 10 % nearer or further,
+rolled by up to 8°), all drawn evenly. It is pictured at twelve loads; outlines are found in the pictures, and
+each point is moved by 0.3 pixels of Gaussian noise in both directions. The system is identified three times:
+loads in newtons; loads in an unknown unit with one force reading; and without it.
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from exosight.app.bench import cpu_name
+from exosight.control.trials import CONTROL_SHAPE
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.index import index
+from exosight.exosuit.index_file import index_values
+from exosight.rig.identification.result import Identification, identify
+from exosight.rig.identification.measurements import Measurements
+from exosight.rig.identification.outlines import outline_of_picture
+from exosight.system.build import build
+from exosight.system.camera import Camera
+from exosight.system.file import Values, describe
+from exosight.system.simulation import simulate_path
+from exosight.system.system import System
+from exosight.vision.scene import picture
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results" / "identification.json"
+NOISE = 0.3
+"""Of an outline point, in each direction [pixels]."""
+LOADS = np.linspace(0.25, 3.0, 12)[:, None]
+HELD_OUT = (LOADS[:-1] + LOADS[1:]) / 2
+"""Loads [N] of which no picture is taken."""
+GAIN = 0.05
+"""Of the rig with an actuator in kPa [N/kPa]; the file says twice as much."""
+READ = 8
+"""Number of the picture with a force reading; its error is FORCE_ERROR."""
+FORCE_NOISE = 0.01
+"""Of the reading [share]."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A rig, its pictures' outlines, and what is true of it: entries of a system file, F_net at HELD_OUT [N]."""
+
+    system: System
+    outlines: tuple
+    truth: dict[str, float]
+    forces: Float[np.ndarray, " loads"]
+    reading: float
+    readings: Float[np.ndarray, " loads"]
+
+
+def drawn(number: int, worn: Exosuit) -> Rig:
+    """Rig number 0, 1, 2 …, which depends on its number alone."""
+    random = np.random.default_rng([19, number])
+
+    def share(width: float) -> float:
+        return float(random.uniform(1 - width, 1 + width))
+
+    finger = replace(
+        worn.finger,
+        lengths=tuple(length * share(0.1) for length in worn.finger.lengths),
+        joint_stiffness=tuple(stiffness * share(0.5) for stiffness in worn.finger.joint_stiffness),
+    )
+    camera = Camera(
+        centre=(0.05 + random.uniform(-0.01, 0.01), -0.005 + random.uniform(-0.01, 0.01)),
+        metres_per_pixel=0.0011 * share(0.1),
+        roll=float(np.deg2rad(random.uniform(-8, 8))),
+    )
+    rig = replace(worn, finger=finger, young=worn.young * share(0.4))
+    system = index(rig, camera)
+    path = np.sort(np.concatenate([LOADS, HELD_OUT]), axis=0)
+    states = simulate_path(system, path)
+    shown = np.isin(path[:, 0], LOADS[:, 0])
+    axes = {name: np.asarray(axis)[shown] for name, axis in states.observation.axes.items()}
+    shades = [tube.shade for tube in system.tubes]
+    outlines = []
+    for k, each in enumerate(picture(system, axes)):
+        found = outline_of_picture(each, shades, f"picture {k + 1} of rig {number}")
+        moved = random.normal(scale=NOISE, size=found.points.shape)
+        outlines.append(replace(found, points=found.points + moved))
+    net = states.observation.readings[:, system.schema.index("F_net")]
+    truth = {
+        "rods.exosuit.young": rig.young,
+        **{f"links.finger_{i}.joint.stiffness": k for i, k in enumerate(finger.joint_stiffness)},
+        **{f"links.finger_{i}.length": length for i, length in enumerate(finger.lengths)},
+        "rods.exosuit.position.0": 0.0,
+        "rods.exosuit.position.2": float(system.robot["exosuit"].mount[2, 3]),
+        "rods.exosuit.rotation.1": 0.0,
+        "actuators.u.gain": GAIN,
+        "cameras.camera.centre.0": camera.centre[0],
+        "cameras.camera.centre.1": camera.centre[1],
+        "cameras.camera.pixel": camera.metres_per_pixel,
+        "cameras.camera.roll": camera.roll,
+    }
+    return Rig(
+        system, tuple(outlines), truth, net[~shown], net[shown][READ] * share(FORCE_NOISE), net[shown]
+    )
+
+
+def in_kpa(values: Values) -> Values:
+    """The same file with an actuator in kPa, of a gain that is twice the true one."""
+    changed = json.loads(json.dumps(values))
+    changed["actuators"]["u"] |= {
+        "range": [f"{-6 / GAIN} kPa", f"{6 / GAIN} kPa"],
+        "drive": f"{4 / GAIN} kPa",
+        "gain": f"{2 * GAIN} N/kPa",
+    }
+    return changed
+
+
+def compared(rig: Rig, found: Identification, scale: float) -> dict[str, Any]:
+    """An identification beside the truth.
+
+    scale   commands a newton
+    """
+    fitted = build(describe(found.values))
+    inside, errors = {}, {}
+    for each in found.estimates:
+        true = rig.truth[each.entry]
+        inside[each.entry] = bool(each.low <= true <= each.high)
+        errors[each.entry] = each.value / true - 1 if each.value > 0 and true > 0 else each.value - true
+    camera, real = fitted.camera, rig.system.camera
+    return {
+        "inside": inside,
+        "errors": errors,
+        "wide": {each.entry: each.share for each in found.estimates},
+        "camera": {
+            "scale [%]": 100 * abs(camera.metres_per_pixel / real.metres_per_pixel - 1),
+            "shift [% of the width]": 100
+            * float(np.hypot(*np.subtract(camera.centre, real.centre)))
+            / (real.width * real.metres_per_pixel),
+            "roll [deg]": float(np.rad2deg(abs(camera.roll - real.roll))),
+        },
+        "ratios [%]": [
+            100 * abs((1 + errors[f"links.finger_{i}.joint.stiffness"]) / (1 + errors["rods.exosuit.young"]) - 1)
+            for i in range(3)
+        ],
+        "force [%]": force_error(fitted, rig, scale),
+        "open": [direction.change for direction in found.open],
+        "noise": found.posterior.noise,
+        "correlation": found.posterior.correlation,
+        "rested": found.rested,
+        "elsewhere": list(found.elsewhere),
+    }
+
+
+def force_error(fitted: System, rig: Rig, scale: float) -> float:
+    """RMS error of F_net at held-out loads, of its RMS [%]."""
+    states = simulate_path(fitted, scale * HELD_OUT)
+    net = states.observation.readings[:, fitted.schema.index("F_net")]
+    return 100 * float(np.sqrt(np.mean((net - rig.forces) ** 2) / np.mean(rig.forces**2)))
+
+
+def cases(rig: Rig, worn: Exosuit) -> Iterator[tuple[str, Values, Measurements, bool, float]]:
+    """Name, file, measurements, whether gains are known, and commands a newton."""
+    values = index_values(worn)
+    reading = np.full(len(LOADS), np.nan)
+    reading[READ] = rig.reading
+    yield "loads in newtons", values, Measurements(LOADS, rig.outlines), True, 1.0
+    other = in_kpa(values)
+    with_force = Measurements(LOADS / GAIN, rig.outlines, {"F_net": reading})
+    yield "one force reading", other, with_force, False, 1 / GAIN
+    yield "neither", other, Measurements(LOADS / GAIN, rig.outlines), False, 1 / GAIN
+
+
+def measure(numbers: Sequence[int], worn: Exosuit) -> list[dict[str, Any]]:
+    """Every case of some rigs."""
+    rows = []
+    for number in numbers:
+        rig = drawn(number, worn)
+        for name, values, measured, known_gains, scale in cases(rig, worn):
+            begun = time.process_time()
+            found = identify(values, measured, known_gains=known_gains)
+            seconds = time.process_time() - begun
+            row = {"rig": number, "case": name, "CPU seconds": seconds, **compared(rig, found, scale)}
+            rows.append(row)
+            print(
+                number, name, f"{seconds:.0f} s", f"inside {sum(row['inside'].values())}/{len(row['inside'])}",
+                "ratios", np.round(row["ratios [%]"], 1), "camera", np.round(list(row["camera"].values()), 2),
+                f"force {row['force [%]']:.2f} %", f"noise {row['noise']:.3f}", f"tau {row['correlation']:.2f}",
+                row["rested"], row["elsewhere"], len(row["open"]), flush=True,
+            )  # fmt: skip
+    return rows
+
+
+def main() -> None:
+    """Measure and write."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--rigs", type=int, default=30)
+    rows = measure(range(parser.parse_args().rigs), Exosuit(CONTROL_SHAPE))
+    RESULTS.write_text(json.dumps({"cpu": cpu_name(), "noise [pixels]": NOISE, "rows": rows}) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,292 @@
+"""Outlines of the bodies in a picture, found to a small part of a pixel.
+
+Every pixel gets a label, background or body. Along the normal of each label's edge the picture is sampled, and
+the edge is placed where it conserves light: with the gray b(δ) of the body at depth δ, and B behind the edge,
+
+    ∫ (B − g) dt = ∫₀ (B − b(δ)) dδ.
+
+b is that of a round, matt body under the light of our own pictures, up to a factor that a sample inside gives.
+Two bodies that touch share one edge; it belongs to both. Where a profile crosses more than two things (another
+body close by, the border of the picture, what a mask leaves open) there is no point.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import contourpy
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+from scipy import ndimage
+
+from exosight.errors import DataError
+from exosight.vision.renderer import AMBIENT, LAMP
+
+BACKGROUND = -1
+"""In the place of a body's number: no body."""
+UNKNOWN = 255
+"""In masks: what a pixel shows is not known, such as the mount, a hand or a cable before the device."""
+
+SMALLEST = 30
+"""Points that an outline needs; a body 2 pixels thick and 15 long has as many."""
+_EDGE = 60
+_DARKER = 8
+"""Gray values by which a pixel that a body touches is darker than the background; noise is less."""
+_NEAR, _REACH = 1.75, 2.5
+"""Where the gray on either side of an edge is taken, and how far its light is summed [pixels]."""
+_END = 2  # points left out at either end of a stretch
+_STEP = 0.25  # between samples [pixels]
+_FAINT = 10.0
+"""Gray values that two things have to differ by for an edge."""
+_BUMP = 15.0
+"""Gray values by which a gap of a tenth of a pixel between two bodies is brighter than their common edge."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Points on the edges of the bodies in one picture, in order along each edge.
+
+    points    (points, 2)   column and row [pixels], pixel centres at integer + 0.5
+    inside    (points,)     number of the body whose edge it is
+    outside   (points,)     number of the body on the other side, or BACKGROUND
+    run       (points,)     number of the unbroken stretch of edge that the point is on
+    """
+
+    points: Float[np.ndarray, "points 2"]
+    inside: Int[np.ndarray, " points"]
+    outside: Int[np.ndarray, " points"]
+    run: Int[np.ndarray, " points"]
+
+
+def outline_of_picture(
+    picture: UInt8[np.ndarray, "height width"], shades: Sequence[float], name: str = "picture"
+) -> Outline:
+    """The outlines in a gray picture of bodies of these shades on a bright, even background.
+
+    shades   gray of each body's brightest place, 0 black … 1 white; see `TubeSurface.shade`
+
+    Raises DataError, beginning with `name`, for a picture without these bodies.
+    """
+    gray = picture.astype(float)
+    background = int(np.argmax(np.bincount(picture.ravel())))
+    labels = _labels(picture, background, shades, name)
+    return _outline(labels, gray, len(shades), name)
+
+
+def outline_of_mask(
+    mask: UInt8[np.ndarray, "height width"], bodies: int, name: str = "mask"
+) -> Outline:
+    """The outlines in a mask: 0 background, 1 the first body, 2 the second …, UNKNOWN what is hidden.
+
+    Raises DataError, beginning with `name`, for other values, or a body that is not there.
+    """
+    wrong = mask[(mask > bodies) & (mask != UNKNOWN)]
+    if wrong.size:
+        raise DataError(
+            f"{name}: expected 0 for background, 1 to {bodies} for the bodies and {UNKNOWN} for what is not "
+            f"known, got {wrong[0]}"
+        )
+    labels = np.where(mask == UNKNOWN, UNKNOWN, mask.astype(int) - 1)
+    return _outline(labels, None, bodies, name)
+
+
+def _labels(
+    picture: UInt8[np.ndarray, "height width"], background: int, shades: Sequence[float], name: str
+) -> Int[np.ndarray, "height width"]:
+    """What each pixel shows: flooded from pixels whose gray only one body has, up to edges."""
+    ranges = [(0.4 * 255 * shade, 255 * shade) for shade in shades]
+    if background < max(high for _, high in ranges) + 2 * _DARKER:
+        raise DataError(
+            f"{name}: expected an even background brighter than the device, got gray {background} most "
+            "often; give masks instead of such pictures"
+        )
+    whole = ndimage.binary_erosion(picture < background - _DARKER, np.ones((3, 3), bool), border_value=1)
+    markers = np.zeros(picture.shape, np.int32)
+    for body, (low, high) in enumerate(ranges):
+        own = whole & (picture >= low - 2) & (picture <= high + 2)
+        for other, (bottom, top) in enumerate(ranges):
+            if other != body:
+                own &= (picture < bottom - 4) | (picture > top + 4)
+        if own.sum() < 4:
+            raise DataError(
+                f"{name}: no pixel has the gray of body {body + 1} alone; it is not in the picture, or its "
+                "shade is too near to another one's: give masks instead"
+            )
+        markers[own] = body + 1
+    # Half covered pixels have about the mean of both grays; they show the body that is nearest.
+    device = whole | (picture < background - _EDGE)
+    markers[~whole] = len(shades) + 1
+    edges = ndimage.morphological_gradient(picture, size=(3, 3))
+    edges[~whole] = 255
+    flooded = ndimage.watershed_ift(edges, markers).astype(int) - 1
+    nearest = ndimage.distance_transform_edt(~whole, return_distances=False, return_indices=True)
+    labels = np.where(device, flooded[tuple(nearest)], BACKGROUND)
+    for body in range(len(shades)):
+        labels[_specks(labels == body)] = UNKNOWN
+    return labels
+
+
+def _specks(own: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:
+    """What of a body's pixels is not connected with the most of them: mixed grays in narrow gaps."""
+    parts, _ = ndimage.label(own)
+    sizes = np.bincount(parts.ravel())
+    sizes[0] = 0
+    return own & (sizes[parts] < 0.1 * sizes.max())
+
+
+def _outline(
+    labels: Int[np.ndarray, "height width"],
+    gray: Float[np.ndarray, "height width"] | None,
+    bodies: int,
+    name: str,
+) -> Outline:
+    """The points of all bodies; an edge that two share only from the one with the lower number."""
+    found: list[tuple[np.ndarray, int, np.ndarray]] = []
+    for body in range(bodies):
+        own = ndimage.gaussian_filter((labels == body).astype(float), 0.7)
+        count = 0
+        for line in contourpy.contour_generator(z=own).lines(0.5):
+            for points, outside in _stretches(np.asarray(line), own, labels, gray, body):
+                count += len(points)
+                keep = (outside == BACKGROUND) | (outside > body)
+                found += [
+                    (points[part], body, outside[part]) for part in _runs(np.where(keep, outside, -2), -2)
+                ]
+        if count < SMALLEST:
+            raise DataError(
+                f"{name}: expected an outline of body {body + 1}, got {count} points of one; the picture "
+                "does not show the device, or is too coarse"
+            )
+    sizes = [len(points) for points, _, _ in found]
+    return Outline(
+        points=np.concatenate([points for points, _, _ in found]) + 0.5,
+        inside=np.repeat([body for _, body, _ in found], sizes),
+        outside=np.concatenate([outside for _, _, outside in found]),
+        run=np.repeat(np.arange(len(found)), sizes),
+    )
+
+
+def _runs(values: Int[np.ndarray, " points"], none: int) -> Iterator[slice]:
+    """Stretches of equal values, but of `none`."""
+    ends = np.flatnonzero(np.diff(values)) + 1
+    for start, stop in zip([0, *ends], [*ends, len(values)], strict=True):
+        if values[start] != none and stop > start:
+            yield slice(start, stop)
+
+
+def _stretches(
+    line: Float[np.ndarray, "nodes 2"],
+    own: Float[np.ndarray, "height width"],
+    labels: Int[np.ndarray, "height width"],
+    gray: Float[np.ndarray, "height width"] | None,
+    body: int,
+) -> Iterator[tuple[Float[np.ndarray, "points 2"], Int[np.ndarray, " points"]]]:
+    """Points on the edge near a closed line, a pixel apart, with what is beyond; where there is any."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    if along[-1] < 8:  # a speck
+        return
+    at = np.arange(0.5, along[-1], 1.0)
+    points = np.stack([np.interp(at, along, line[:, i]) for i in range(2)], axis=1)
+    rows, columns = np.gradient(own)
+    slope = np.stack([_sampled(columns, points), _sampled(rows, points)], axis=1)
+    normal = -slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
+    t = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
+    places = points[:, None] + t[:, None] * normal[:, None]
+    height, width = labels.shape
+    inside = np.all((places >= 0) & (places <= [width - 1, height - 1]), axis=(1, 2))
+    beyond = ndimage.map_coordinates(labels, np.moveaxis(places[..., ::-1], -1, 0), order=0, mode="nearest")
+    outer, inner = beyond[:, t > 0.8], beyond[:, (t < -0.8) & (t >= -_NEAR)]
+    clear = inside & np.all(outer == outer[:, :1], axis=1) & np.all(inner == body, axis=1)
+    clear &= (outer[:, 0] != UNKNOWN) & (outer[:, 0] != body)
+    if gray is None:
+        profile = _sampled(own, places.reshape(-1, 2)).reshape(places.shape[:2])
+        shift = np.trapezoid(profile, t, axis=1) - _REACH
+    else:
+        profile = _sampled(gray, places.reshape(-1, 2)).reshape(places.shape[:2])
+        free, behind = outer[:, 0] == BACKGROUND, np.full(len(points), 2.0)
+        for other in np.unique(outer[clear & ~free, 0]):
+            at = outer[:, 0] == other
+            behind[at] = _thickness(labels == other, points[at], normal[at])
+        own_limb = _Limb(normal, _thickness(labels == body, points, -normal))
+        shift, valid = _balance(profile, t, own_limb, _Limb(-normal, behind, free))
+        clear &= valid
+    clear &= np.abs(shift) < 1.5
+    outside = np.where(clear, outer[:, 0], -2)
+    edge = points + shift[:, None] * normal
+    for part in _runs(outside, -2):
+        if part.stop - part.start > 2 * _END:  # where three things meet, an edge is not straight
+            part = slice(part.start + _END, part.stop - _END)
+            yield edge[part], outside[part]
+
+
+@dataclass(frozen=True)
+class _Limb:
+    """Gray of a round, matt body against the depth from its edge, but for a factor; or an even background.
+
+    normal   (points, 2)   out of the body, in the picture
+    radius   (points,)     [pixels]
+    even     (points,)     whether it is a background
+    """
+
+    normal: Float[np.ndarray, "points 2"]
+    radius: Float[np.ndarray, " points"]
+    even: Bool[np.ndarray, " points"] | None = None
+
+    def gray(self, depth: Float[np.ndarray, "points depths"]) -> Float[np.ndarray, "points depths"]:
+        """Lambert's law, as the renderer has it; the same at depths below 0 as at the edge."""
+        right, up, towards = LAMP
+        across = (right * self.normal[:, 0] - up * self.normal[:, 1])[:, None]
+        share = np.clip(1 - depth / self.radius[:, None], 0, 1)
+        lit = across * share + towards * np.sqrt(1 - share**2)
+        found = AMBIENT + (1 - AMBIENT) * np.maximum(lit, 0)
+        return found if self.even is None else np.where(self.even[:, None], 1.0, found)
+
+    def mean(self, depth: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
+        """Of the gray from the edge to a depth; the squares of the places are evenly spaced."""
+        places = ((np.arange(12) + 0.5) / 12) ** 2
+        weights = np.sqrt(places) / np.sqrt(places).sum()
+        return self.gray(depth[:, None] * places) @ weights
+
+
+def _thickness(
+    own: Bool[np.ndarray, "height width"],
+    points: Float[np.ndarray, "points 2"],
+    inwards: Float[np.ndarray, "points 2"],
+) -> Float[np.ndarray, " points"]:
+    """Radius of a body beside points on its edge: the largest depth on the way inwards [pixels]."""
+    depth = np.asarray(ndimage.distance_transform_edt(own))
+    way = points[:, None] + np.arange(1.0, 16.0)[:, None] * inwards[:, None]
+    along = _sampled(depth, way.reshape(-1, 2)).reshape(len(points), -1)
+    rising = np.minimum.accumulate(np.diff(along, axis=1, prepend=0) > -0.5, axis=1)  # another strand's not
+    return np.maximum(np.max(np.where(rising, along, 0), axis=1), 2.0)
+
+
+def _balance(
+    profile: Float[np.ndarray, "points samples"], t: Float[np.ndarray, " samples"], inner: _Limb, outer: _Limb
+) -> tuple[Float[np.ndarray, " points"], Bool[np.ndarray, " points"]]:
+    """Where the edge of each profile is, and whether there is one; t grows outwards [pixels]."""
+    area = np.trapezoid(profile, t, axis=1)
+    ends = [int(np.argmin(np.abs(t - place))) for place in (-_NEAR, _NEAR)]
+    shift, contrast = np.zeros(len(profile)), np.zeros(len(profile))
+    for _ in range(6):  # the depth of a sample depends on where the edge is
+        light, edge = [], []
+        for limb, end, side in ((inner, ends[0], -1.0), (outer, ends[1], 1.0)):
+            depth = np.maximum(side * (t[end] - shift), 0.3)
+            bright = profile[:, end] / limb.gray(depth[:, None])[:, 0]
+            reach = _REACH + side * -shift
+            light.append(bright * limb.mean(reach) * reach)
+            edge.append(bright * limb.gray(np.zeros((len(shift), 1)))[:, 0])
+        contrast = edge[1] - edge[0]
+        steep = np.where(np.abs(contrast) < _FAINT, np.inf, contrast)
+        shift = np.clip(shift + (light[0] + light[1] - area) / steep, -1.6, 1.6)
+    # On the edge the picture has the mean gray of both sides; in a gap between two bodies it is brighter.
+    nearest = np.abs(t - shift[:, None]).argmin(axis=1)
+    on_edge = profile[np.arange(len(shift)), nearest]
+    gap = on_edge > (edge[0] + edge[1]) / 2 + _BUMP
+    gap |= profile[:, np.abs(t) <= 1].max(axis=1) > profile[:, ends].max(axis=1) + _BUMP
+    free = np.zeros(len(shift), bool) if outer.even is None else outer.even
+    return shift, (np.abs(contrast) >= _FAINT) & (free | ~gap)
+
+
+def _sampled(field: Float[np.ndarray, "height width"], points: Float[np.ndarray, "points 2"]) -> np.ndarray:
+    """A field at columns and rows of the grid of pixel centres, linear in between."""
+    return ndimage.map_coordinates(field, points.T[::-1], order=1, mode="nearest")
