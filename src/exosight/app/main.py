@@ -21,6 +21,7 @@ COMMANDS = {
     "system": "what is simulated: presets, and files of your own",
     "simulate": "equilibria of one exosuit under given loads",
     "generate": "a dataset of labelled images from simulation",
+    "identify": "the model of a rig from pictures of it at known loads",
     "train": "a network from a dataset",
     "estimate": "contact forces from images",
     "evaluate": "accuracy of a network, beside the paper's",
