@@ -4,6 +4,7 @@ A source is any iterator of frames, so a generator of one's own is one too. It y
 time it is asked, or None if there is none, and ends when no more will come.
 """
 
+import os
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
@@ -18,13 +19,21 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import DataError, InputError
-from exosight.vision.pictures import Crop, cropped, middle_of, read_gray
+from exosight.files import open_file
+from exosight.vision.pictures import LARGEST_PICTURE, Crop, cropped, middle_of, read_gray
+
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # else FFmpeg prints its complaints to stderr
 
 GIVEN_UP = 5.0
 """Time without a frame after which a camera is given up [s]; the guard has released long before."""
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 """Names of picture files end so."""
+
+
+VIDEOS = ((0, b"RIFF"), (4, b"ftyp"), (0, b"\x1a\x45\xdf\xa3"))
+"""What a video file holds at which byte: AVI; MP4 and MOV; Matroska and WebM. Nothing else is opened: FFmpeg
+also takes playlists, which lead to other files and hosts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +121,22 @@ def pictures(
 
 
 def video(path: Path, width: int, height: int, crop: Crop | None = None) -> FrameStream:
-    """The frames of a video file, one each time, none left out; DataError if it cannot be read."""
-    complaint = f"{path}: not a video that can be read; give an MP4 or AVI file"
+    """The frames of a video file, one each time, none left out.
+
+    Raises DataError if it cannot be read, or if its pictures are too large.
+    """
+    complaint = f"{path}: not a video that can be read; give an MP4, MOV, AVI, MKV or WebM file"
+    with open_file(path, "expected a video") as file:
+        beginning = file.read(16)
+    if not any(beginning[at:].startswith(mark) for at, mark in VIDEOS):
+        raise DataError(complaint)
     capture = _opened(str(path), complaint)
+    columns, rows = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    if columns * rows > LARGEST_PICTURE:
+        raise DataError(
+            f"{path}: {columns}×{rows} pixels, up to {LARGEST_PICTURE // 10**6} million are read; "
+            "make it smaller"
+        )
     taken, picture = capture.read()
     if not taken:
         raise DataError(complaint)
@@ -193,7 +215,9 @@ def _opened(what: str | int, complaint: str) -> Any:
     level = log.getLogLevel()
     log.setLogLevel(log.LOG_LEVEL_SILENT)  # it would report every backend that it tries
     try:
-        capture = cv2.VideoCapture(what)
+        # OpenCV's own readers, tried after FFmpeg, take a name as a pattern and print their complaints.
+        backend = cv2.CAP_FFMPEG if isinstance(what, str) else cv2.CAP_ANY
+        capture = cv2.VideoCapture(what, backend)
     finally:
         log.setLogLevel(level)
     if not capture.isOpened():

@@ -56,7 +56,7 @@ def decode_gray(
     Raises DataError if it is no picture, damaged, too large, or without a crop of another aspect ratio: a
     stretched picture shows another pose. Raises InputError if the crop leaves the picture.
     """
-    picture = _decoded(data, name)
+    picture = decode_whole(data, name)
     rows, columns = picture.shape
     if crop is not None:
         return cropped(picture, width, height, crop, name)
@@ -70,8 +70,13 @@ def decode_gray(
     return resized(picture, width, height)
 
 
-def _decoded(data: bytes, name: str) -> UInt8[np.ndarray, "rows columns"]:
-    """The picture as it is stored; its size is read first, and one that is too large is not unpacked."""
+def decode_whole(data: bytes, name: str) -> UInt8[np.ndarray, "rows columns"]:
+    """The content of a picture file as gray values 0…255, in its own size.
+
+    The size is read first, and a picture that is too large is not unpacked.
+
+    Raises DataError if it is no picture, damaged or too large.
+    """
     too_large = f"up to {LARGEST_PICTURE // 10**6} million pixels are read; make it smaller"
     try:
         with warnings.catch_warnings():
