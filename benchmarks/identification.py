@@ -51,14 +51,17 @@ FORCE_NOISE = 0.01
 
 @dataclass(frozen=True)
 class Rig:
-    """A rig, its pictures' outlines, and what is true of it: entries of a system file, F_net at HELD_OUT [N]."""
+    """A rig, its pictures' outlines, and what is true of it: entries of a system file, and F_net [N].
+
+    forces     at HELD_OUT
+    reading    of the picture READ
+    """
 
     system: System
     outlines: tuple
     truth: dict[str, float]
     forces: Float[np.ndarray, " loads"]
     reading: float
-    readings: Float[np.ndarray, " loads"]
 
 
 def drawn(number: int, worn: Exosuit) -> Rig:
@@ -104,9 +107,7 @@ def drawn(number: int, worn: Exosuit) -> Rig:
         "cameras.camera.pixel": camera.metres_per_pixel,
         "cameras.camera.roll": camera.roll,
     }
-    return Rig(
-        system, tuple(outlines), truth, net[~shown], net[shown][READ] * share(FORCE_NOISE), net[shown]
-    )
+    return Rig(system, tuple(outlines), truth, net[~shown], net[shown][READ] * (1 + random.normal(scale=FORCE_NOISE)))
 
 
 def in_kpa(values: Values) -> Values:
@@ -144,13 +145,14 @@ def compared(rig: Rig, found: Identification, scale: float) -> dict[str, Any]:
             "roll [deg]": float(np.rad2deg(abs(camera.roll - real.roll))),
         },
         "ratios [%]": [
-            100 * abs((1 + errors[f"links.finger_{i}.joint.stiffness"]) / (1 + errors["rods.exosuit.young"]) - 1)
+            100
+            * abs((1 + errors[f"links.finger_{i}.joint.stiffness"]) / (1 + errors["rods.exosuit.young"]) - 1)
             for i in range(3)
         ],
         "force [%]": force_error(fitted, rig, scale),
         "open": [direction.change for direction in found.open],
         "noise": found.posterior.noise,
-        "correlation": found.posterior.correlation,
+        "points per independent one": found.posterior.crowding,
         "rested": found.rested,
         "elsewhere": list(found.elsewhere),
     }
@@ -187,10 +189,11 @@ def measure(numbers: Sequence[int], worn: Exosuit) -> list[dict[str, Any]]:
             row = {"rig": number, "case": name, "CPU seconds": seconds, **compared(rig, found, scale)}
             rows.append(row)
             print(
-                number, name, f"{seconds:.0f} s", f"inside {sum(row['inside'].values())}/{len(row['inside'])}",
-                "ratios", np.round(row["ratios [%]"], 1), "camera", np.round(list(row["camera"].values()), 2),
-                f"force {row['force [%]']:.2f} %", f"noise {row['noise']:.3f}", f"tau {row['correlation']:.2f}",
-                row["rested"], row["elsewhere"], len(row["open"]), flush=True,
+                number, name, f"{seconds:.0f} s", f"inside
+                {sum(row['inside'].values())}/{len(row['inside'])}", "ratios", np.round(row["ratios [%]"], 1),
+                "camera", np.round(list(row["camera"].values()), 2), f"force {row['force [%]']:.2f} %",
+                f"noise {row['noise']:.3f}", f"tau {row['points per independent one']:.2f}", row["rested"],
+                row["elsewhere"], len(row["open"]), flush=True,
             )  # fmt: skip
     return rows
 

@@ -1,8 +1,8 @@
 """The camera: an orthographic picture of the x–z plane at a fixed scale.
 
-It looks along +y, so without a roll world x runs to the right and world z runs up. Pixel coordinates are (column, row)
-with the origin at the upper left corner of the picture: pixel (j, i) covers columns j…j+1 and rows
-i…i+1, and its centre lies at (j + 0.5, i + 0.5).
+It looks along +y, so without a roll world x runs to the right and world z runs up. Pixel coordinates are
+(column, row) with the origin at the upper left corner of the picture: pixel (j, i) covers columns j…j+1 and
+rows i…i+1, and its centre lies at (j + 0.5, i + 0.5).
 """
 
 import dataclasses

@@ -42,8 +42,8 @@ def identify(
     and at which load a further picture would tell most. The fitted system is written as a system file, which
     every command takes (--system FILE); its vary tables hold the intervals that remain.
 
-    The table is a CSV file with a row a picture: a column "u [N]" for each channel, readings of sensors such as
-    "F_net [N]" where there are any, and perhaps a column `picture` with the names of the files.
+    The table is a CSV file with a row a picture: a column "u [N]" for each channel, readings of sensors such
+    as "F_net [N]" where there are any, and perhaps a column `picture` with the names of the files.
 
     Examples:
       exosight identify pictures --loads loads.csv --out my_rig.toml
@@ -55,7 +55,7 @@ def identify(
         loads: the table
         out: system file to write
         exosuit: the exosuit
-        system: what to start from: index, or a system file; the exosuit's size and the radii are taken from it
+        system: what to start from: index, or a system file, of which the sizes of rods and all radii hold
         gain: of loads in a unit of your own: about what one of it does; it is identified. The gains of a
             system file are identified too
         masks: the pictures are masks: 0 background, 1 the first tube of the system (of index the finger), 2
@@ -137,8 +137,9 @@ def _with_gain(values: "Values", gain: str) -> "Values":
 
 def _named(found: "Identification", name: str) -> "Values":
     """The fitted file under its own name, with the intervals of its bodies as what varies."""
-    from exosight.validation import Name
     from pydantic import TypeAdapter, ValidationError
+
+    from exosight.validation import Name
 
     try:
         TypeAdapter(Name).validate_python(name)
@@ -167,7 +168,7 @@ def _table(found: "Identification") -> Table:
     known = found.posterior
     note = (
         f"95 % intervals, and their width in that of the prior; outlines fit to {known.noise:.2f} pixels, "
-        f"{known.correlation:.1f} neighbouring points count as one"
+        f"{known.crowding:.1f} neighbouring points count as one"
     )
     return Table("estimates", "Parameters of the rig", columns, tuple(rows), note)
 
@@ -180,7 +181,10 @@ def _remarks(found: "Identification", unit: str) -> list[str]:
             f"{entry} ×{by:.3g}" if by > 0 and _is_size(found, entry) else f"{entry} {by:+.3g}"
             for entry, by in direction.change.items()
         )
-        said.append(f"the data do not tell this from no change ({100 * direction.share:.0f} % of the prior): {change}")
+        said.append(
+            f"the data do not tell this from no change ({100 * direction.share:.0f} % of the prior): "
+            f"{change}"
+        )
     if np.isfinite(found.gains).any():
         best = int(np.nanargmax(found.gains))
         command = " ".join(f"{value:.3g}" for value in found.commands[best])
@@ -210,7 +214,7 @@ def _numbers(found: "Identification") -> dict[str, Any]:
             for command, gain in zip(found.commands.tolist(), gains, strict=True)
         ],
         "outline_noise_pixels": found.posterior.noise,
-        "points_per_independent_one": found.posterior.correlation,
+        "points_per_independent_one": found.posterior.crowding,
         "rested": found.rested,
         "other_pose": list(found.elsewhere),
     }

@@ -1,8 +1,9 @@
 """How far points of a picture lie from the outlines of a system in it, as JAX can differentiate it.
 
-A tube is the union of all spheres along its axis. The signed distance of a point from its outline is that from
-the nearest of these, |p − c| − r. Where two tubes press on each other, a picture in depth order shows them
-divided at the plane of equal power of their nearest spheres (`exosight.vision.depth_order`), which a point is
+A tube is the union of all spheres along its axis. The signed distance of a point from its outline is that
+from the nearest of these, |p − c| − r. Where two tubes press on each other, a picture in depth order shows
+them divided at the plane of equal power of their nearest spheres (`exosight.vision.depth_order`), which a
+point is
 
     (|p − c₁|² − r₁² − |p − c₂|² + r₂²) / 2 |c₁ − c₂|
 
@@ -115,5 +116,3 @@ def _on_segments(
     centre, thick = start + share[..., None] * along, radius + share * growth
     gap = points - centre
     return Spheres(jnp.sqrt(jnp.sum(gap**2, axis=-1) + TINY) - thick, centre, thick)
-
-

@@ -24,12 +24,16 @@ MOST = 1000
 
 
 def read_measurements(
-    folder: Path, loads: Path, system: System, masks: bool, done: Callable[[int, int], None] = lambda k, n: None
+    folder: Path,
+    loads: Path,
+    system: System,
+    masks: bool,
+    done: Callable[[int, int], None] = lambda k, n: None,
 ) -> Measurements:
     """The outlines, commands and readings of a folder of pictures and its table.
 
-    The table has a row a picture, in the order in which the commands were reached: a column for each channel,
-    any columns of sensors, each with its unit as "u [N]", and `picture`, the file's name in the folder; without
+    The table has a row a picture, in the order in which commands were reached: a column for each channel, any
+    columns of sensors, each with its unit as "u [N]", and `picture`, the file's name in the folder; without
     it the rows are those of the pictures sorted by name.
 
     system   whose channels, sensors, tubes and camera they are
@@ -103,7 +107,9 @@ def _commands(table: ReadingTable, schema: Schema) -> Float[np.ndarray, "picture
         numbers = _in_unit(table, column, channel.unit)
         if not np.isfinite(numbers).all():
             row = int(np.argmin(np.isfinite(numbers))) + 1
-            raise InputError(f"{table.source}: row {row} has no load in column {column.heading}; write it there")
+            raise InputError(
+                f"{table.source}: row {row} has no load in column {column.heading}; write it there"
+            )
         if numbers.min() < channel.low or numbers.max() > channel.high:
             worst = numbers[np.argmax(np.maximum(channel.low - numbers, numbers - channel.high))]
             raise InputError(

@@ -1,7 +1,7 @@
 """The most likely parameters of a rig: Levenberg–Marquardt on outlines and readings, with priors.
 
-With the whitened unknowns x (parameters, then how far outside the outline of each tube is found), residuals r of
-outlines [pixels], e of readings and noise σ the least
+With the whitened unknowns x (parameters, then how far outside the outline of each tube is found), residuals r
+of outlines [pixels], e of readings and noise σ the least
 
     ½ |x|² + Σ ρ(r/σ) + ½ Σ (e/σ_e)²
 
@@ -21,7 +21,15 @@ from exosight.rig.identification.measurements import Measurements
 from exosight.rig.identification.misfit import Picture, filled, outline_rows
 from exosight.rig.identification.parameters import Prior
 from exosight.rig.identification.predicted import predicted_outline
-from exosight.rig.identification.response import Model, Numbers, Response, at_rest, followed, relaxed, response
+from exosight.rig.identification.response import (
+    Model,
+    Numbers,
+    Response,
+    at_rest,
+    followed,
+    relaxed,
+    response,
+)
 
 HUBER = 4.0
 SMALLEST_NOISE, LARGEST_NOISE = 0.02, 5.0
@@ -30,6 +38,8 @@ STEPS = 40
 """At most, with all pictures."""
 EARLY_STEPS = 3
 """With a part of the pictures."""
+EVERY = 2
+"""Pictures that are taken in before the next search."""
 LITTLE = 0.005
 """A gain that ends a search: that of a tenth of a deviation of the posterior along one direction."""
 MOST_DAMPED = 1e4
@@ -87,7 +97,9 @@ class Problem:
         names = [sensor.name for sensor in self.nominal.schema.sensors]
         missing = [name for name in measured.readings if name not in names]
         if missing:
-            raise InputError(f"readings: expected sensors of the system, {', '.join(names)}, got {missing[0]}")
+            raise InputError(
+                f"readings: expected sensors of the system, {', '.join(names)}, got {missing[0]}"
+            )
         self.sensors = [(names.index(name), name) for name in measured.readings]
         sizes = np.cumsum([0, *(int(outline.run.max()) + 1 for outline in measured.outlines)])
         self.runs = [
@@ -110,7 +122,9 @@ class Problem:
         slopes = self.model.slopes(x[: len(self.model.parameters)])
         outline, gradient, reading, gain, moves = [], [], [], [], []
         for k in range(len(q)):
-            found, by_x, value, slope = self.seen(x, numbers, slopes, self.pictures[k], self.commands[k], q[k])
+            found, by_x, value, slope = self.seen(
+                x, numbers, slopes, self.pictures[k], self.commands[k], q[k]
+            )
             outline.append(found)
             gradient.append(by_x)
             moves.append(np.asarray(slope.q))
@@ -158,9 +172,7 @@ class Problem:
         return found, by_x, value, slope
 
 
-def fit(
-    problem: Problem, done: Callable[[int], None] = lambda pictures: None
-) -> tuple[Fit, bool]:
+def fit(problem: Problem, done: Callable[[int], None] = lambda pictures: None) -> tuple[Fit, bool]:
     """The most likely parameters, and whether the search came to rest.
 
     done   called with the number of pictures taken in so far
@@ -173,7 +185,9 @@ def fit(
         system, problem.commands[:1], at_rest(system)[None], np.zeros_like(problem.commands[:1])
     )
     if not stable[0]:
-        raise ConvergenceError("no stable pose at the first picture's command; check the loads and their unit")
+        raise ConvergenceError(
+            "no stable pose at the first picture's command; check the loads and their unit"
+        )
     state = _state(problem, x, pose, LARGEST_NOISE)
     count = len(problem.pictures)
     for k in range(1, count + 1):
@@ -185,7 +199,8 @@ def fit(
             if not stable[0]:
                 raise ConvergenceError(f"no stable pose at the command of picture {k}; check the loads")
             state = _state(problem, state.x, np.concatenate([state.q, pose]), state.noise)
-        state, rested = _search(problem, state, STEPS if k == count else EARLY_STEPS)
+        if k in (count, 1, 2, 3) or k % EVERY == 0:
+            state, rested = _search(problem, state, STEPS if k == count else EARLY_STEPS)
         done(k)
     return state, rested
 

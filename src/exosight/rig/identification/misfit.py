@@ -80,9 +80,7 @@ def outline_rows(
         leaf = np.asarray(leaf)
         return np.concatenate([leaf, np.zeros((*leaf.shape[:-1], tubes))], axis=-1)
 
-    own = np.concatenate(
-        [np.zeros((tubes, view[1].shape[-1])), offset_deviation * np.eye(tubes)], axis=1
-    )
+    own = np.concatenate([np.zeros((tubes, view[1].shape[-1])), offset_deviation * np.eye(tubes)], axis=1)
     at = (value.axes, value.radii, view[0], offset)
     slopes = (tuple(map(widened, slope.axes)), tuple(map(widened, slope.radii)), widened(view[1]), own)
     found, derivative = _outline_rows(

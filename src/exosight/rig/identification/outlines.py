@@ -1,13 +1,9 @@
 """Outlines of the bodies in a picture, found to a small part of a pixel.
 
-Every pixel gets a label, background or body. Along the normal of each label's edge the picture is sampled, and
-the edge is placed where it conserves light: with the gray b(δ) of the body at depth δ, and B behind the edge,
-
-    ∫ (B − g) dt = ∫₀ (B − b(δ)) dδ.
-
-b is that of a round, matt body under the light of our own pictures, up to a factor that a sample inside gives.
-Two bodies that touch share one edge; it belongs to both. Where a profile crosses more than two things (another
-body close by, the border of the picture, what a mask leaves open) there is no point.
+Every pixel gets a label, background or body. Along the normal of each label's edge the picture is sampled,
+and the edge is found where it conserves light (`edges`). Two bodies that touch share one edge; it belongs to
+both. Where a profile crosses more than two things (another body close by, the border of the picture, what a
+mask leaves open) there is no point.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,7 +15,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from exosight.errors import DataError
-from exosight.vision.renderer import AMBIENT, LAMP
+from exosight.rig.identification.edges import NEAR, REACH, Limb, balance, sampled, thickness
 
 BACKGROUND = -1
 """In the place of a body's number: no body."""
@@ -31,14 +27,8 @@ SMALLEST = 30
 _EDGE = 60
 _DARKER = 8
 """Gray values by which a pixel that a body touches is darker than the background; noise is less."""
-_NEAR, _REACH = 1.75, 2.5
-"""Where the gray on either side of an edge is taken, and how far its light is summed [pixels]."""
 _END = 2  # points left out at either end of a stretch
 _STEP = 0.25  # between samples [pixels]
-_FAINT = 10.0
-"""Gray values that two things have to differ by for an edge."""
-_BUMP = 15.0
-"""Gray values by which a gap of a tenth of a pixel between two bodies is brighter than their common edge."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +62,7 @@ def outline_of_picture(
     return _outline(labels, gray, len(shades), name)
 
 
-def outline_of_mask(
-    mask: UInt8[np.ndarray, "height width"], bodies: int, name: str = "mask"
-) -> Outline:
+def outline_of_mask(mask: UInt8[np.ndarray, "height width"], bodies: int, name: str = "mask") -> Outline:
     """The outlines in a mask: 0 background, 1 the first body, 2 the second …, UNKNOWN what is hidden.
 
     Raises DataError, beginning with `name`, for other values, or a body that is not there.
@@ -187,27 +175,27 @@ def _stretches(
     at = np.arange(0.5, along[-1], 1.0)
     points = np.stack([np.interp(at, along, line[:, i]) for i in range(2)], axis=1)
     rows, columns = np.gradient(own)
-    slope = np.stack([_sampled(columns, points), _sampled(rows, points)], axis=1)
+    slope = np.stack([sampled(columns, points), sampled(rows, points)], axis=1)
     normal = -slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
-    t = np.arange(-_REACH, _REACH + _STEP / 2, _STEP)
+    t = np.arange(-REACH, REACH + _STEP / 2, _STEP)
     places = points[:, None] + t[:, None] * normal[:, None]
     height, width = labels.shape
     inside = np.all((places >= 0) & (places <= [width - 1, height - 1]), axis=(1, 2))
     beyond = ndimage.map_coordinates(labels, np.moveaxis(places[..., ::-1], -1, 0), order=0, mode="nearest")
-    outer, inner = beyond[:, t > 0.8], beyond[:, (t < -0.8) & (t >= -_NEAR)]
+    outer, inner = beyond[:, t > 0.8], beyond[:, (t < -0.8) & (t >= -NEAR)]
     clear = inside & np.all(outer == outer[:, :1], axis=1) & np.all(inner == body, axis=1)
     clear &= (outer[:, 0] != UNKNOWN) & (outer[:, 0] != body)
     if gray is None:
-        profile = _sampled(own, places.reshape(-1, 2)).reshape(places.shape[:2])
-        shift = np.trapezoid(profile, t, axis=1) - _REACH
+        profile = sampled(own, places.reshape(-1, 2)).reshape(places.shape[:2])
+        shift = np.trapezoid(profile, t, axis=1) - REACH
     else:
-        profile = _sampled(gray, places.reshape(-1, 2)).reshape(places.shape[:2])
+        profile = sampled(gray, places.reshape(-1, 2)).reshape(places.shape[:2])
         free, behind = outer[:, 0] == BACKGROUND, np.full(len(points), 2.0)
         for other in np.unique(outer[clear & ~free, 0]):
             at = outer[:, 0] == other
-            behind[at] = _thickness(labels == other, points[at], normal[at])
-        own_limb = _Limb(normal, _thickness(labels == body, points, -normal))
-        shift, valid = _balance(profile, t, own_limb, _Limb(-normal, behind, free))
+            behind[at] = thickness(labels == other, points[at], normal[at])
+        own_limb = Limb(normal, thickness(labels == body, points, -normal))
+        shift, valid = balance(profile, t, own_limb, Limb(-normal, behind, free))
         clear &= valid
     clear &= np.abs(shift) < 1.5
     outside = np.where(clear, outer[:, 0], -2)
@@ -216,77 +204,3 @@ def _stretches(
         if part.stop - part.start > 2 * _END:  # where three things meet, an edge is not straight
             part = slice(part.start + _END, part.stop - _END)
             yield edge[part], outside[part]
-
-
-@dataclass(frozen=True)
-class _Limb:
-    """Gray of a round, matt body against the depth from its edge, but for a factor; or an even background.
-
-    normal   (points, 2)   out of the body, in the picture
-    radius   (points,)     [pixels]
-    even     (points,)     whether it is a background
-    """
-
-    normal: Float[np.ndarray, "points 2"]
-    radius: Float[np.ndarray, " points"]
-    even: Bool[np.ndarray, " points"] | None = None
-
-    def gray(self, depth: Float[np.ndarray, "points depths"]) -> Float[np.ndarray, "points depths"]:
-        """Lambert's law, as the renderer has it; the same at depths below 0 as at the edge."""
-        right, up, towards = LAMP
-        across = (right * self.normal[:, 0] - up * self.normal[:, 1])[:, None]
-        share = np.clip(1 - depth / self.radius[:, None], 0, 1)
-        lit = across * share + towards * np.sqrt(1 - share**2)
-        found = AMBIENT + (1 - AMBIENT) * np.maximum(lit, 0)
-        return found if self.even is None else np.where(self.even[:, None], 1.0, found)
-
-    def mean(self, depth: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
-        """Of the gray from the edge to a depth; the squares of the places are evenly spaced."""
-        places = ((np.arange(12) + 0.5) / 12) ** 2
-        weights = np.sqrt(places) / np.sqrt(places).sum()
-        return self.gray(depth[:, None] * places) @ weights
-
-
-def _thickness(
-    own: Bool[np.ndarray, "height width"],
-    points: Float[np.ndarray, "points 2"],
-    inwards: Float[np.ndarray, "points 2"],
-) -> Float[np.ndarray, " points"]:
-    """Radius of a body beside points on its edge: the largest depth on the way inwards [pixels]."""
-    depth = np.asarray(ndimage.distance_transform_edt(own))
-    way = points[:, None] + np.arange(1.0, 16.0)[:, None] * inwards[:, None]
-    along = _sampled(depth, way.reshape(-1, 2)).reshape(len(points), -1)
-    rising = np.minimum.accumulate(np.diff(along, axis=1, prepend=0) > -0.5, axis=1)  # another strand's not
-    return np.maximum(np.max(np.where(rising, along, 0), axis=1), 2.0)
-
-
-def _balance(
-    profile: Float[np.ndarray, "points samples"], t: Float[np.ndarray, " samples"], inner: _Limb, outer: _Limb
-) -> tuple[Float[np.ndarray, " points"], Bool[np.ndarray, " points"]]:
-    """Where the edge of each profile is, and whether there is one; t grows outwards [pixels]."""
-    area = np.trapezoid(profile, t, axis=1)
-    ends = [int(np.argmin(np.abs(t - place))) for place in (-_NEAR, _NEAR)]
-    shift, contrast = np.zeros(len(profile)), np.zeros(len(profile))
-    for _ in range(6):  # the depth of a sample depends on where the edge is
-        light, edge = [], []
-        for limb, end, side in ((inner, ends[0], -1.0), (outer, ends[1], 1.0)):
-            depth = np.maximum(side * (t[end] - shift), 0.3)
-            bright = profile[:, end] / limb.gray(depth[:, None])[:, 0]
-            reach = _REACH + side * -shift
-            light.append(bright * limb.mean(reach) * reach)
-            edge.append(bright * limb.gray(np.zeros((len(shift), 1)))[:, 0])
-        contrast = edge[1] - edge[0]
-        steep = np.where(np.abs(contrast) < _FAINT, np.inf, contrast)
-        shift = np.clip(shift + (light[0] + light[1] - area) / steep, -1.6, 1.6)
-    # On the edge the picture has the mean gray of both sides; in a gap between two bodies it is brighter.
-    nearest = np.abs(t - shift[:, None]).argmin(axis=1)
-    on_edge = profile[np.arange(len(shift)), nearest]
-    gap = on_edge > (edge[0] + edge[1]) / 2 + _BUMP
-    gap |= profile[:, np.abs(t) <= 1].max(axis=1) > profile[:, ends].max(axis=1) + _BUMP
-    free = np.zeros(len(shift), bool) if outer.even is None else outer.even
-    return shift, (np.abs(contrast) >= _FAINT) & (free | ~gap)
-
-
-def _sampled(field: Float[np.ndarray, "height width"], points: Float[np.ndarray, "points 2"]) -> np.ndarray:
-    """A field at columns and rows of the grid of pixel centres, linear in between."""
-    return ndimage.map_coordinates(field, points.T[::-1], order=1, mode="nearest")

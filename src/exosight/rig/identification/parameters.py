@@ -150,9 +150,7 @@ def complete(values: Values) -> Values:
     return {name: table for name, table in changed.items() if table != {}}
 
 
-def values_at(
-    values: Values, parameters: Sequence[Parameter], x: Float[np.ndarray, " parameters"]
-) -> Values:
+def values_at(values: Values, parameters: Sequence[Parameter], x: Float[np.ndarray, " parameters"]) -> Values:
     """The entries of a file with the parameters at x; zones on links stay at their shares of a link."""
     entries = {
         each.entry: f"{each.value(float(at))!r} {each.unit}" for each, at in zip(parameters, x, strict=True)

@@ -5,8 +5,8 @@ Near its most likely value the whitened unknowns x are Gaussian (Laplace's appro
     C = (Jᵀ J / τσ² + Gᵀ G + 1)⁻¹,
 
 J and G the derivatives of outlines and of readings over their errors. Neighbouring points of an outline err
-alike; τ, one plus twice the sum of the autocorrelations of the residuals along the outlines, makes the points
-count as the fewer independent ones that they are worth.
+alike; τ, how many times the variance of means of neighbouring residuals exceeds that of means of independent
+ones, makes the points count as the fewer that they are worth.
 
 A further picture is worth ½ log det(1 + J' C J'ᵀ / τσ²), the expected gain of information about x [nats]
 (D. V. Lindley, On a measure of the information provided by an experiment, 1956, doi 10.1214/aoms/1177728069).
@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.errors import DataError
-from exosight.rig.identification.fit import HUBER, Fit, Problem, information
+from exosight.rig.identification.fit import HUBER, SMALLEST_NOISE, Fit, Problem, Rows, information
 from exosight.rig.identification.misfit import filled
 from exosight.rig.identification.predicted import predicted_outline
 from exosight.rig.identification.response import at_rest, relaxed
@@ -28,8 +28,8 @@ OPEN = 0.7
 """Deviation along a direction, in those of the prior, from which the data count as silent on it."""
 SHOWN = 0.2
 """Smallest share in such a direction, of the largest one, that is named."""
-LONGEST_LAG = 20
-"""Of the autocorrelation of residuals [points]."""
+BLOCK = 25
+"""Neighbouring points of an outline whose errors are averaged."""
 
 
 @dataclass(frozen=True)
@@ -59,22 +59,21 @@ class OpenDirection:
     change: dict[str, float]
 
 
-def spread(rows_outline: Float[np.ndarray, " points"], run: np.ndarray) -> float:
-    """τ of residuals along outlines: 1 for independent ones; the sum ends at the first lag without correlation."""
-    size = 1.4826 * np.median(np.abs(rows_outline))
-    r = np.clip(rows_outline, -HUBER * size, HUBER * size)
-    total, power = 1.0, float(np.mean(r**2))
-    if power == 0:
+def correlation(rows: Rows) -> float:
+    """τ of the residuals: the variance of means of BLOCK neighbours over that of independent points, at least 1."""
+    size = HUBER * 1.4826 * np.median(np.abs(rows.outline))
+    residuals = np.clip(rows.outline, -size, size)
+    ends = np.flatnonzero(np.diff(rows.run)) + 1
+    means = [
+        np.mean(block)
+        for stretch in np.split(residuals, ends)
+        for block in np.split(stretch[: len(stretch) // BLOCK * BLOCK], len(stretch) // BLOCK or 1)
+        if len(block) == BLOCK
+    ]
+    power = float(np.mean(residuals**2))
+    if not means or power == 0:
         return 1.0
-    for lag in range(1, LONGEST_LAG + 1):
-        together = run[lag:] == run[:-lag]
-        if together.sum() < 30:
-            break
-        correlation = float(np.mean(r[lag:][together] * r[:-lag][together])) / power
-        if correlation < 2 / np.sqrt(together.sum()):
-            break
-        total += 2 * correlation
-    return total
+    return max(1.0, BLOCK * float(np.mean(np.square(means))) / power)
 
 
 @dataclass(frozen=True)
@@ -84,20 +83,20 @@ class Posterior:
     x             (unknowns,)            most likely, in deviations of the prior
     covariance    (unknowns, unknowns)
     noise         σ of the outline [pixels]
-    correlation   τ [-]
+    crowding      τ [-]
     """
 
     x: Float[np.ndarray, " unknowns"]
     covariance: Float[np.ndarray, "unknowns unknowns"]
     noise: float
-    correlation: float
+    crowding: float
 
 
 def posterior(state: Fit) -> Posterior:
     """That of a finished search."""
     size = np.minimum(np.abs(state.rows.outline), HUBER * state.noise)
-    noise = float(np.sqrt(np.mean(size**2)))
-    tau = spread(state.rows.outline, state.rows.run)
+    noise = max(float(np.sqrt(np.mean(size**2))), SMALLEST_NOISE)
+    tau = correlation(state.rows)
     matrix, _ = information(state.rows, noise * np.sqrt(tau))
     covariance = np.linalg.inv(matrix + np.eye(len(state.x)))
     return Posterior(state.x, covariance, noise, tau)
@@ -150,6 +149,6 @@ def information_gains(
         except DataError:  # out of the picture there
             continue
         _, by_x, _, _ = problem.seen(known.x, numbers, slopes, picture, commands[k], q[k])
-        seen = by_x @ factor / (known.noise * np.sqrt(known.correlation))
+        seen = by_x @ factor / (known.noise * np.sqrt(known.crowding))
         gains[k] = 0.5 * np.linalg.slogdet(np.eye(len(known.x)) + seen.T @ seen)[1]
     return gains

@@ -1,8 +1,8 @@
 """Poses of a rig at its pictures' commands, and how they and the readings depend on what is unknown.
 
 The pose q of a picture is a stable equilibrium, ∇Π(q; p) = 0, so dq/dp follows from the implicit function
-theorem (`exosight.mechanics.sensitivity`). A system's numbers are closed expressions of the entries of its file,
-most of them linear; their slopes are central differences, exact to about 1e-9.
+theorem (`exosight.mechanics.sensitivity`). A system's numbers are closed expressions of the entries of its
+file, most of them linear; their slopes are central differences, exact to about 1e-9.
 """
 
 from collections.abc import Sequence
@@ -59,7 +59,9 @@ class Model:
         # Most numbers are linear in most entries; what is shows at two places, and is not derived again.
         columns = [(self._slope(zero, i), self._slope(zero + 0.5, i)) for i in range(len(zero))]
         self._linear = {
-            i: one for i, (one, other) in enumerate(columns) if all(map(_same, *map(jax.tree.leaves, (one, other))))
+            i: one
+            for i, (one, other) in enumerate(columns)
+            if all(map(_same, *map(jax.tree.leaves, (one, other))))
         }
 
     def numbers(self, x: Float[np.ndarray, " parameters"]) -> Numbers:

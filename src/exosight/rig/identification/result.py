@@ -71,8 +71,8 @@ def identify(
     known_gains   whether the file's gains are certain
     done          called with the number of pictures taken in so far
 
-    Raises InputError for a system with friction or readings of sensors that it has not; ConvergenceError where
-    no pose is found.
+    Raises InputError for a system with friction or readings of sensors that it has not; ConvergenceError
+    where no pose is found.
     """
     prior = Prior() if prior is None else prior
     values = complete(values)
