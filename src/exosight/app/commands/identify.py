@@ -182,8 +182,7 @@ def _remarks(found: "Identification", unit: str) -> list[str]:
             for entry, by in direction.change.items()
         )
         said.append(
-            f"the data do not tell this from no change ({100 * direction.share:.0f} % of the prior): "
-            f"{change}"
+            f"the data do not tell this from no change ({100 * direction.share:.0f} % of the prior): {change}"
         )
     if np.isfinite(found.gains).any():
         best = int(np.nanargmax(found.gains))
@@ -194,8 +193,8 @@ def _remarks(found: "Identification", unit: str) -> list[str]:
     if found.elsewhere:
         numbers = ", ".join(str(k + 1) for k in found.elsewhere)
         said.append(
-            f"pictures {numbers} show another pose than the one that rising loads lead to from rest; are rows "
-            "missing or in another order?"
+            f"pictures {numbers} show another pose than the one that the loads lead to from rest; are rows "
+            "missing, or in another order?"
         )
     return said
 

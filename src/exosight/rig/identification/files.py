@@ -51,9 +51,9 @@ def read_measurements(
         gray = read_picture(path)
         if gray.shape != (camera.height, camera.width):
             raise DataError(
-                f"{path}: expected {camera.width}×{camera.height} pixels, got {gray.shape[1]}×{gray.shape[0]}; "
-                "all pictures must be as large as the system's camera: state its width and height in a system "
-                "file, or give pictures of one size"
+                f"{path}: expected {camera.width}×{camera.height} pixels, got "
+                f"{gray.shape[1]}×{gray.shape[0]}; pictures must be as large as the first one, and as the "
+                "camera of a system file"
             )
         outlines.append(_outline(gray, system, masks, str(path)))
         done(k + 1, len(paths))
@@ -131,8 +131,8 @@ def _readings(table: ReadingTable, schema: Schema) -> dict[str, Float[np.ndarray
         sensor = names.get(column.name.lower())
         if sensor is None:
             raise InputError(
-                f"{table.source}: column {column.heading} is no channel and no sensor of {schema.system}; the "
-                f"sensors are {', '.join(each.name for each in schema.sensors)}: rename it or leave it out"
+                f"{table.source}: column {column.heading} is no channel and no sensor of {schema.system} "
+                f"(sensors: {', '.join(each.name for each in schema.sensors)}); rename it or leave it out"
             )
         numbers = _in_unit(table, column, sensor.unit)
         if np.isfinite(numbers).any():
@@ -144,16 +144,16 @@ def _in_unit(table: ReadingTable, column: TableColumn, unit: str) -> Float[np.nd
     """The numbers of a column in a unit."""
     if column.unit is None:
         raise InputError(
-            f'{table.source}: column {column.heading} has no unit; write it behind the name, like "{column.name} '
-            f'[{unit}]"'
+            f"{table.source}: column {column.heading} has no unit; write it behind the name, like "
+            f'"{column.name} [{unit}]"'
         )
     factor = 1.0
     if column.unit != unit:
         kind = next((kind for kind in KINDS if unit in kind.units and column.unit in kind.units), None)
         if kind is None:
             raise InputError(
-                f"{table.source}: column {column.heading}: expected its unit {unit}, got {column.unit}; for loads "
-                f'in a unit of your own give --gain with what one of it does, like "0.05 N/{column.unit}"'
+                f"{table.source}: column {column.heading}: expected its unit {unit}, got {column.unit}; for "
+                f'loads in a unit of your own give --gain, what one of it does, like "0.05 N/{column.unit}"'
             )
         factor = kind.units[column.unit] / kind.units[unit]
     try:

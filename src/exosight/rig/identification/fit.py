@@ -153,7 +153,9 @@ class Problem:
         command: Float[np.ndarray, " channels"],
         q: Float[np.ndarray, " dofs"],
     ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, "points unknowns"], Response, Response]:
-        """Distances of a picture's points from the outline of a pose [pixels], their derivatives, and the pose's.
+        """Distances of a picture's points from the outline of a pose [pixels], and their derivatives.
+
+        The last two are the pose's own numbers and derivatives.
 
         numbers, slopes   at the unknowns
         """
@@ -189,7 +191,7 @@ def fit(problem: Problem, done: Callable[[int], None] = lambda pictures: None) -
             "no stable pose at the first picture's command; check the loads and their unit"
         )
     state = _state(problem, x, pose, LARGEST_NOISE)
-    count = len(problem.pictures)
+    count, rested = len(problem.pictures), False
     for k in range(1, count + 1):
         if k > 1:
             system = problem.numbers(state.x).system
@@ -214,7 +216,7 @@ def refitted(problem: Problem, start: Fit) -> tuple[Fit, bool]:
 
 
 def _placed(problem: Problem) -> Float[np.ndarray, " unknowns"]:
-    """The prior's middle, but the camera so that the first picture's outline has the model's place and extent."""
+    """The prior's middle, but the camera so that the first outline has the model's place and extent."""
     x = np.zeros(problem.unknowns)
     system = problem.nominal
     found = problem.measured.outlines[0].points

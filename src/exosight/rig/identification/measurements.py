@@ -33,8 +33,8 @@ class Measurements:
         count = len(self.outlines)
         if count < 2:
             raise InputError(
-                f"pictures: expected at least two at different commands, got {count}; one picture does not tell "
-                "stiffness from load"
+                f"pictures: expected at least two, at different commands, got {count}; one picture does not "
+                "tell stiffness from load"
             )
         lengths = [len(self.commands), *map(len, self.readings.values())]
         if set(lengths) != {count}:

@@ -5,7 +5,6 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -24,7 +23,7 @@ class Picture(NamedTuple):
     points: Float[AnyArray, "points 2"]
     inside: AnyArray
     outside: AnyArray
-    count: int
+    used: int
 
 
 def filled(outline: Outline) -> Picture:
@@ -86,4 +85,4 @@ def outline_rows(
     found, derivative = _outline_rows(
         picture.points, (picture.inside, picture.outside), at, slopes, size, stacked
     )
-    return np.asarray(found)[: picture.count], np.asarray(derivative)[: picture.count]
+    return np.asarray(found)[: picture.used], np.asarray(derivative)[: picture.used]

@@ -24,9 +24,8 @@ UNKNOWN = 255
 
 SMALLEST = 30
 """Points that an outline needs; a body 2 pixels thick and 15 long has as many."""
-_EDGE = 60
-_DARKER = 8
-"""Gray values by which a pixel that a body touches is darker than the background; noise is less."""
+_DARKER, _EDGE = 8, 60
+"""Gray values by which pixels that a body touches, and half covers, are darker than the background."""
 _END = 2  # points left out at either end of a stretch
 _STEP = 0.25  # between samples [pixels]
 
@@ -87,7 +86,8 @@ def _labels(
             f"{name}: expected an even background brighter than the device, got gray {background} most "
             "often; give masks instead of such pictures"
         )
-    whole = ndimage.binary_erosion(picture < background - _DARKER, np.ones((3, 3), bool), border_value=1)
+    covered = picture < background - _DARKER
+    whole = np.asarray(ndimage.binary_erosion(covered, np.ones((3, 3), bool), border_value=1), bool)
     markers = np.zeros(picture.shape, np.int32)
     for body, (low, high) in enumerate(ranges):
         own = whole & (picture >= low - 2) & (picture <= high + 2)
@@ -103,11 +103,12 @@ def _labels(
     # Half covered pixels have about the mean of both grays; they show the body that is nearest.
     device = whole | (picture < background - _EDGE)
     markers[~whole] = len(shades) + 1
-    edges = ndimage.morphological_gradient(picture, size=(3, 3))
-    edges[~whole] = 255
-    flooded = ndimage.watershed_ift(edges, markers).astype(int) - 1
-    nearest = ndimage.distance_transform_edt(~whole, return_distances=False, return_indices=True)
-    labels = np.where(device, flooded[tuple(nearest)], BACKGROUND)
+    edges = np.where(whole, ndimage.morphological_gradient(picture, size=(3, 3)), 255).astype(np.uint8)
+    flooded = np.asarray(ndimage.watershed_ift(edges, markers)).astype(int) - 1
+    nearest = np.asarray(
+        ndimage.distance_transform_edt(~whole, return_distances=False, return_indices=True), dtype=int
+    )
+    labels = np.where(device, flooded[nearest[0], nearest[1]], BACKGROUND)
     for body in range(len(shades)):
         labels[_specks(labels == body)] = UNKNOWN
     return labels
@@ -115,7 +116,8 @@ def _labels(
 
 def _specks(own: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:
     """What of a body's pixels is not connected with the most of them: mixed grays in narrow gaps."""
-    parts, _ = ndimage.label(own)
+    parts = np.zeros(own.shape, np.int32)
+    ndimage.label(own, output=parts)
     sizes = np.bincount(parts.ravel())
     sizes[0] = 0
     return own & (sizes[parts] < 0.1 * sizes.max())

@@ -92,7 +92,7 @@ class Parameter:
 
 
 def parameters_of(values: Values, prior: Prior, known_gains: bool = True) -> tuple[Parameter, ...]:
-    """What is unknown of the system of a file: moduli, joints, links, mounts of rods, gains, the first camera.
+    """What is unknown of a file's system: moduli, joints, links, mounts of rods, gains, the first camera.
 
     The frame of the world is that of the links: what stands on the ground but rods is where the file says.
     Without links the first rod is. A gain is known where a command is a force or torque.

@@ -1,4 +1,4 @@
-"""What is known of a rig once its pictures are seen: intervals, what stays open, what a further picture would tell.
+"""What is known of a rig after its pictures: intervals, what stays open, what a further one would tell.
 
 Near its most likely value the whitened unknowns x are Gaussian (Laplace's approximation) with covariance
 
@@ -34,7 +34,7 @@ BLOCK = 25
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter: the most likely number, the ends of its 95 % interval, and of the prior's [in the unit]."""
+    """A parameter: its most likely number, the ends of its 95 % interval, and of the prior's [unit]."""
 
     entry: str
     unit: str
@@ -60,7 +60,10 @@ class OpenDirection:
 
 
 def correlation(rows: Rows) -> float:
-    """τ of the residuals: the variance of means of BLOCK neighbours over that of independent points, at least 1."""
+    """τ of the residuals: the variance of means of BLOCK neighbours over that of as many independent points.
+
+    At least 1.
+    """
     size = HUBER * 1.4826 * np.median(np.abs(rows.outline))
     residuals = np.clip(rows.outline, -size, size)
     ends = np.flatnonzero(np.diff(rows.run)) + 1
@@ -108,8 +111,11 @@ def estimates(problem: Problem, known: Posterior) -> tuple[Estimate, ...]:
     deviations = np.sqrt(np.diag(known.covariance))
     for i, each in enumerate(problem.model.parameters):
         x, half = float(known.x[i]), NORMAL_95 * float(deviations[i])
-        numbers = (each.value(at) for at in (x, x - half, x + half, -NORMAL_95, NORMAL_95))
-        found.append(Estimate(each.entry, each.unit, *numbers, float(deviations[i])))
+        value, low, high, prior_low, prior_high = (
+            each.value(at) for at in (x, x - half, x + half, -NORMAL_95, NORMAL_95)
+        )
+        share = float(deviations[i])
+        found.append(Estimate(each.entry, each.unit, value, low, high, prior_low, prior_high, share))
     return tuple(found)
 
 
@@ -135,7 +141,7 @@ def open_directions(problem: Problem, known: Posterior) -> tuple[OpenDirection, 
 def information_gains(
     problem: Problem, known: Posterior, commands: Float[np.ndarray, "candidates channels"]
 ) -> Float[np.ndarray, " candidates"]:
-    """What one more picture at each command, approached from rest, would tell [nats]; NaN without a stable pose."""
+    """What one more picture at each command, approached from rest, would tell [nats]; NaN without a pose."""
     own = known.x[: len(problem.model.parameters)]
     numbers, slopes = problem.numbers(known.x), problem.model.slopes(own)
     camera = problem.model.system(own).camera

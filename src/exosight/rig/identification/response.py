@@ -32,7 +32,7 @@ STEP = 1e-4
 
 
 class Numbers(NamedTuple):
-    """All numbers of a rig: its system, and x and z of the camera's middle [m], metres per pixel, roll [rad]."""
+    """All numbers of a rig: its system, and x and z of the middle [m], metres per pixel, roll [rad]."""
 
     system: System
     view: Float[AnyArray, "..."]
@@ -109,10 +109,10 @@ class Response(NamedTuple):
     q          (dofs,)
     """
 
-    axes: tuple[Float[Array, "..."], ...]
-    radii: tuple[Float[Array, "..."], ...]
-    readings: Float[Array, "..."]
-    q: Float[Array, "..."]
+    axes: tuple[Float[AnyArray, "..."], ...]
+    radii: tuple[Float[AnyArray, "..."], ...]
+    readings: Float[AnyArray, "..."]
+    q: Float[AnyArray, "..."]
 
 
 @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})  # compiled in a tenth of the time

@@ -1,4 +1,4 @@
-"""A rig's model from its pictures: fit, intervals, what stays open, which picture next, and the system file."""
+"""A rig's model from its pictures: fit, intervals, what stays open, which picture next, the system file."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
