@@ -18,14 +18,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import DataError, InputError
-from exosight.vision.pictures import Crop, cropped, middle_of, read_gray
+from exosight.vision.capture import open_capture
+from exosight.vision.pictures import ENDINGS, Crop, cropped, middle_of, natural_order, read_gray
 
 GIVEN_UP = 5.0
 """Time without a frame after which a camera is given up [s]; the guard has released long before."""
-
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-"""Names of picture files end so."""
-
 
 @dataclass(frozen=True, eq=False)
 class Frame:
@@ -89,15 +86,16 @@ def pictures(
     crop: Crop | None = None,
     unread: Callable[[str], None] = lambda fault: None,
 ) -> FrameStream:
-    """The pictures of a folder in the order of their names, one each time.
+    """The pictures of a folder in the order of their names (img_9 before img_10), one each time.
 
     In place of one that cannot be read there is no frame, and `unread` is called with the reason.
 
     Raises DataError if there are none, or if the first cannot be read.
     """
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
+    found = (path for path in folder.iterdir() if path.suffix.lower() in ENDINGS)
+    files = sorted(found, key=lambda path: natural_order(path.name))
     if not files:
-        raise DataError(f"{folder}: no pictures in it; expected files that end in {', '.join(PICTURES)}")
+        raise DataError(f"{folder}: no pictures in it; expected files that end in {', '.join(ENDINGS)}")
     read_gray(files[0], width, height, crop)
 
     def frames() -> FrameStream:
@@ -114,7 +112,7 @@ def pictures(
 def video(path: Path, width: int, height: int, crop: Crop | None = None) -> FrameStream:
     """The frames of a video file, one each time, none left out; DataError if it cannot be read."""
     complaint = f"{path}: not a video that can be read; give an MP4 or AVI file"
-    capture = _opened(str(path), complaint)
+    capture = open_capture(str(path), complaint)
     taken, picture = capture.read()
     if not taken:
         raise DataError(complaint)
@@ -140,7 +138,7 @@ def camera(number: int, width: int, height: int, crop: Crop | None = None) -> Fr
 
     Raises DataError if there is no such camera, or if it gives no frame for 5 s.
     """
-    capture = _opened(
+    capture = open_capture(
         number, f"camera {number}: cannot be opened; is it connected, and used by no other program?"
     )
     fit = partial(fitted, width=width, height=height, crop=crop, name=f"camera {number}")
@@ -185,20 +183,6 @@ def _grabbing(capture: Any) -> Iterator[list[tuple[np.ndarray, float]]]:
         thread.join(timeout=2)
         if not thread.is_alive():  # a driver that hangs in `read` must not be taken away from under it
             capture.release()
-
-
-def _opened(what: str | int, complaint: str) -> Any:
-    """An OpenCV capture; DataError with this complaint if there is nothing to capture."""
-    log = cv2.utils.logging
-    level = log.getLogLevel()
-    log.setLogLevel(log.LOG_LEVEL_SILENT)  # it would report every backend that it tries
-    try:
-        capture = cv2.VideoCapture(what)
-    finally:
-        log.setLogLevel(level)
-    if not capture.isOpened():
-        raise DataError(complaint)
-    return capture
 
 
 def fitted(picture: np.ndarray, width: int, height: int, crop: Crop | None, name: str) -> np.ndarray:

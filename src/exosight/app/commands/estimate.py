@@ -106,7 +106,7 @@ def _rows(schema: "Schema", read: "Reading") -> list[dict[str, str | float | Non
     )
     rows: list[dict[str, str | float | None]] = []
     for i, sensor in enumerate(schema.estimated):
-        unit, is_force = sensor.unit, sensor.quantity != "joint angle"
+        unit, is_force = sensor.unit, not sensor.signed
         rows.append(
             {
                 kind(schema): sensor.name,
