@@ -1,6 +1,7 @@
 """Frames from folders, videos and cameras: in order, in the right shape, with their times."""
 
 import itertools
+import struct
 import time
 from pathlib import Path
 
@@ -39,7 +40,7 @@ class Webcam:
 
 def plug_in(monkeypatch: pytest.MonkeyPatch, pictures: list[np.ndarray]) -> Webcam:
     webcam = Webcam(pictures)
-    monkeypatch.setattr(sources.cv2, "VideoCapture", lambda number: webcam)
+    monkeypatch.setattr(sources.cv2, "VideoCapture", lambda number, backend: webcam)
     return webcam
 
 
@@ -132,6 +133,40 @@ def test_what_is_no_source_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_text("not a picture")
     with pytest.raises(DataError, match="not a picture"):
         open_source(str(tmp_path), 8, 8)
+
+
+@pytest.mark.parametrize(
+    "playlist", ["ffconcat version 1.0\nfile run.avi\n", "#EXTM3U\n#EXTINF:10,\nrun.avi\n#EXT-X-ENDLIST\n"]
+)
+def test_a_playlist_that_names_another_video_is_refused(
+    tmp_path: Path, playlist: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    write_video(tmp_path / "run.avi", [10])
+    (tmp_path / "list.mp4").write_text(playlist)
+    with pytest.raises(DataError, match="not a video"):
+        open_source(str(tmp_path / "list.mp4"), 8, 8)
+    assert not capfd.readouterr().err
+
+
+def test_a_video_of_huge_pictures_is_refused_before_one_is_decoded(tmp_path: Path) -> None:
+    write_video(tmp_path / "run.avi", [10], columns=64, rows=32)
+    content = (tmp_path / "run.avi").read_bytes()
+    assert content.count(struct.pack("<II", 64, 32)) == 2  # of the whole, and of its one stream
+    content = content.replace(struct.pack("<II", 64, 32), struct.pack("<II", 12_000, 12_000))
+    # A JPEG says its height and width after its sample precision of 8 bits.
+    content = content.replace(struct.pack(">BHH", 8, 32, 64), struct.pack(">BHH", 8, 12_000, 12_000))
+    (tmp_path / "run.avi").write_bytes(content)
+    with pytest.raises(DataError, match="12000×12000 pixels, up to 40 million are read"):
+        open_source(str(tmp_path / "run.avi"), 8, 8)
+
+
+def test_a_damaged_video_is_refused_in_silence(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    write_video(tmp_path / "run.avi", [10, 20])
+    content = (tmp_path / "run.avi").read_bytes()
+    (tmp_path / "run.avi").write_bytes(content[:400] + bytes(len(content) - 400))
+    with pytest.raises(DataError, match="not a video"):
+        open_source(str(tmp_path / "run.avi"), 8, 8)
+    assert not capfd.readouterr().err
 
 
 def test_a_crop_outside_a_video_is_refused_at_once(tmp_path: Path) -> None:

@@ -409,8 +409,9 @@ def test_a_token_does_not_stay_in_the_address(browser: Browser, guarded_address:
     page.close()
 
 
+@pytest.mark.parametrize("kind", ["png", "tiff"])  # browsers do not show TIFF
 def test_a_part_of_an_image_of_other_proportions_is_estimated(
-    open_page: Callable[..., Page], lab: LabSystem
+    open_page: Callable[..., Page], lab: LabSystem, kind: str
 ) -> None:
     page = open_page(viewport={"width": 390, "height": 844})
     page.get_by_role("tab", name="Image upload").click()
@@ -418,8 +419,10 @@ def test_a_part_of_an_image_of_other_proportions_is_estimated(
     image[100:420, 40:360] = cv2.resize(
         compute_view(lab.start, lab).image, (320, 320), interpolation=cv2.INTER_NEAREST
     )
-    data = cv2.imencode(".png", image)[1].tobytes()
-    page.locator("#file").set_input_files({"name": "wide.png", "mimeType": "image/png", "buffer": data})
+    data = cv2.imencode(f".{kind}", image)[1].tobytes()
+    page.locator("#file").set_input_files(
+        {"name": f"wide.{kind}", "mimeType": f"image/{kind}", "buffer": data}
+    )
     frame = page.locator("#frame")
     expect(frame).to_have_attribute(
         "aria-label", "Crop of 480 by 480 pixels, 80 from the left, 0 from the top"

@@ -20,7 +20,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from lab_requests import SETTINGS, mutate, outcome
+from lab_requests import SETTINGS, UPLOADS, mutate, outcome
 from lab_server import Address, served
 from PIL import Image
 
@@ -180,12 +180,14 @@ def test_pictures_of_a_wrong_shape_or_size_are_refused(
     assert "expected a square picture" in sentence_of(flat)
     bomb = Image.new("1", (9000, 9000))  # ten kilobytes of PNG, 81 million pixels
     bomb.save(buffer := io.BytesIO(), "PNG")
-    answer = client.post("/api/estimate", content=buffer.getvalue())
-    assert answer.status_code == 400
-    assert "9000×9000 pixels" in sentence_of(answer)
-    oversized = client.post("/api/estimate", content=b"\x89PNG" + bytes(LARGEST_UPLOAD))
-    assert oversized.status_code == 413
-    assert "at most 8 MiB" in sentence_of(oversized)
+    for address in UPLOADS:
+        answer = client.post(address, content=buffer.getvalue())
+        assert answer.status_code == 400
+        assert "9000×9000 pixels" in sentence_of(answer)
+    for address in UPLOADS:
+        oversized = client.post(address, content=b"\x89PNG" + bytes(LARGEST_UPLOAD))
+        assert oversized.status_code == 413
+        assert "at most 8 MiB" in sentence_of(oversized)
     assert client.post("/api/view", content=b" " * 100_000, headers=JSON).status_code == 413
     alive()
 

@@ -29,7 +29,8 @@ SETTINGS = {
     "/api/save/readings.csv": _VIEW,
     "/api/save/path.csv": _PLAIN,
 }
-PATHS = (*SETTINGS, "/", "/main.js", "/api/about", "/api/estimate", "/?token=secret")
+UPLOADS = ("/api/estimate", "/api/png")
+PATHS = (*SETTINGS, "/", "/main.js", "/api/about", *UPLOADS, "/?token=secret")
 
 _VALUES = (
     *("NaN", "-Infinity", "1e400", "-1", "0", "-0.0", "1e-320", "1e9", "9" * 400, "9" * 5000, "true", "null"),
@@ -63,7 +64,7 @@ _TARGETS = (
 def mutate(draw: random.Random) -> bytes:
     """A request of HTTP/1.1 after none to four changes of its body and its head."""
     path = draw.choice(PATHS)
-    body = _picture(draw) if path == "/api/estimate" else json.dumps(SETTINGS.get(path, {})).encode()
+    body = _picture(draw) if path in UPLOADS else json.dumps(SETTINGS.get(path, {})).encode()
     for _ in range(draw.choice((0, 1, 1, 1, 2, 4))):
         body = draw.choice((_bytes, _cut, _rest, _value, _value, _tokens))(body, draw)
     method = "GET" if path in ("/", "/main.js", "/api/about", "/?token=secret") else "POST"

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import DataError, InputError
-from exosight.vision.capture import open_capture
+from exosight.vision.capture import open_camera, open_video, unreadable
 from exosight.vision.pictures import ENDINGS, Crop, cropped, middle_of, natural_order, read_gray
 
 GIVEN_UP = 5.0
@@ -110,12 +110,14 @@ def pictures(
 
 
 def video(path: Path, width: int, height: int, crop: Crop | None = None) -> FrameStream:
-    """The frames of a video file, one each time, none left out; DataError if it cannot be read."""
-    complaint = f"{path}: not a video that can be read; give an MP4 or AVI file"
-    capture = open_capture(str(path), complaint)
+    """The frames of a video file, one each time, none left out.
+
+    Raises DataError if it cannot be read, or if its pictures are too large.
+    """
+    capture = open_video(path)
     taken, picture = capture.read()
     if not taken:
-        raise DataError(complaint)
+        raise DataError(unreadable(path))
     fit = partial(fitted, width=width, height=height, crop=crop, name=str(path))
     fit(picture)
     return _frames(capture, picture, fit)
@@ -138,7 +140,7 @@ def camera(number: int, width: int, height: int, crop: Crop | None = None) -> Fr
 
     Raises DataError if there is no such camera, or if it gives no frame for 5 s.
     """
-    capture = open_capture(
+    capture = open_camera(
         number, f"camera {number}: cannot be opened; is it connected, and used by no other program?"
     )
     fit = partial(fitted, width=width, height=height, crop=crop, name=f"camera {number}")

@@ -33,7 +33,7 @@ from exosight.lab.saving import VIEW_FILES, path_csv
 from exosight.lab.security import LOOPBACK, SecurityMiddleware, read_body
 from exosight.lab.settings import LoopSettings, PathSettings, Settings, View, read_settings
 from exosight.lab.system import LabSystem
-from exosight.lab.uploads import LARGEST_UPLOAD, estimate
+from exosight.lab.uploads import LARGEST_UPLOAD, as_png, estimate
 from exosight.lab.views import answer, compute_view, path_answer, path_of
 
 _LARGEST_SETTINGS = 64 * 2**10  # bytes
@@ -129,6 +129,12 @@ def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token
             data = await read_body(request, LARGEST_UPLOAD)
             return _json(await queue.do(request, estimate, data, lab.network))
 
+    async def converted(request: Request) -> Response:
+        queue = await work.queue(work.light)
+        async with work.uploads:
+            data = await read_body(request, LARGEST_UPLOAD)
+            return Response(await queue.do(request, as_png, data), media_type="image/png")
+
     async def trial(request: Request) -> Response:
         settings = await _settings(request, LoopSettings, lab)
         return RunResponse(settings, lab, await work.queue(work.runs))
@@ -141,6 +147,7 @@ def application(lab: LabSystem, start: View, hosts: frozenset[str] | None, token
             Route("/api/path", path, methods=["POST"]),
             Route("/api/save/{name}", save, methods=["POST"]),
             Route("/api/estimate", picture, methods=["POST"]),
+            Route("/api/png", converted, methods=["POST"]),
             Route("/api/trial", trial, methods=["POST"]),
             Route("/{name}", page),
         ],

@@ -10,7 +10,7 @@ from jaxtyping import Float64
 
 from exosight.errors import DataError
 from exosight.rig.pictures import Gray
-from exosight.vision.capture import open_capture
+from exosight.vision.capture import open_video, unreadable
 
 
 class Video:
@@ -32,7 +32,7 @@ class Video:
         finally:
             capture.release()
         if not times:
-            raise DataError(self._complaint)
+            raise DataError(unreadable(path))
         found = np.array(times)
         if not (np.isfinite(found).all() and np.all(np.diff(found) > 0)):
             # A container without times of its own: frames come evenly.
@@ -71,8 +71,4 @@ class Video:
             self._capture = None
 
     def _opened(self) -> Any:
-        return open_capture(str(self._path), self._complaint)
-
-    @property
-    def _complaint(self) -> str:
-        return f"{self._path}: not a video that can be read; give an MP4 or AVI file"
+        return open_video(self._path)

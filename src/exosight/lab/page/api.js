@@ -25,6 +25,7 @@ const asJson = (settings, signal) => ({
 export const about = async () => (await send("/api/about", {})).json();
 export const ask = async (address, settings, signal) => (await send(address, asJson(settings, signal))).json();
 export const file = async (address, settings) => (await send(address, asJson(settings))).blob();
+export const asPng = async (picture) => (await send("/api/png", { method: "POST", body: picture })).blob();
 export const upload = async (picture) => (await send("/api/estimate", { method: "POST", body: picture })).json();
 
 /** The lines of an answer, each as soon as it is there. */

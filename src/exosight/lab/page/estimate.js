@@ -1,6 +1,6 @@
 // The third tab: an uploaded image, or what a frame leaves of it.
 
-import { upload } from "./api.js";
+import { asPng, upload } from "./api.js";
 import { sensorTable } from "./charts.js";
 import { cropFrame, fits } from "./crop.js";
 import { zoneMap } from "./map.js";
@@ -24,15 +24,34 @@ export function estimate({ network, scene }) {
     const own = ++count;
     name = file.name;
     by("crop").hidden = by("result").hidden = by("file-result").hidden = by("file-problem").hidden = true;
-    URL.revokeObjectURL(whole.src);
-    whole.src = URL.createObjectURL(file);
-    let readable = true;
-    try { await whole.decode(); } catch { readable = false; }  // the server says why, or reads it (TIFF)
+    try {
+      if (!await shown(file)) {  // TIFF: no browser shows it
+        const png = await asPng(file);
+        if (own === count) await shown(png);
+      }
+    } catch (error) {
+      if (own === count) refuse(error);
+      return;
+    }
     if (own !== count) return;
-    if (!readable || fits(whole, pixels)) return read(file);
+    if (fits(whole, pixels)) return read(file);
     by("crop").hidden = false;
     frame.reset();
     by("frame").focus();
+  }
+
+  /** Puts an image under the frame; false if the browser cannot read it. */
+  async function shown(picture) {
+    URL.revokeObjectURL(whole.src);
+    whole.src = URL.createObjectURL(picture);
+    return whole.decode().then(() => true, () => false);
+  }
+
+  function refuse(error) {
+    by("file-problem").textContent = `Not estimated: ${error.message}.`;
+    by("file-problem").hidden = false;
+    by("result").hidden = by("file-result").hidden = true;
+    document.dispatchEvent(new CustomEvent("estimated"));
   }
 
   async function read(picture) {
@@ -53,10 +72,8 @@ export function estimate({ network, scene }) {
       by("file-cause").textContent = `Guard, given this image: ${found.guard.state}; ${found.guard.cause}.`;
       by("result").hidden = by("file-result").hidden = false;
     } catch (error) {
-      if (own !== count) return;
-      by("file-problem").textContent = `Not estimated: ${error.message}.`;
-      by("file-problem").hidden = false;
-      by("result").hidden = by("file-result").hidden = true;
+      if (own === count) refuse(error);
+      return;
     }
     document.dispatchEvent(new CustomEvent("estimated"));
   }
