@@ -218,9 +218,10 @@ def _only_pictures(path: Path, variables: Variables) -> str:
     found = [name for name, v in variables.items() if not isinstance(v, list) and len(v.shape) in (3, 4)]
     if len(found) == 1:
         return found[0]
+    got = ", ".join(found) if found else f"none among {', '.join(variables) or 'none'}"
     raise InputError(
-        f"{path}: expected one variable of three or four dimensions, the pictures, got "
-        f"{', '.join(found) or f'none among {', '.join(variables) or 'none'}'}; name it with --images"
+        f"{path}: expected one variable of three or four dimensions, the pictures, got {got}; name it with "
+        "--images"
     )
 
 
