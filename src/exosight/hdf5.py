@@ -196,8 +196,10 @@ def whole_array(
 
 
 def stored_rows(data: h5py.Dataset) -> int:
-    """The rows of an array that its file has room for; one number is one row."""
+    """The rows of an array that its file has room for; one number is one row, and rows of none need no room."""
     rows, *row = data.shape or (1,)
+    if 0 in row:
+        return rows
     bytes_stored = min(data.id.get_storage_size(), data.file.id.get_filesize())
     unpacked = bytes_stored * (_DEFLATE if _filters(data) else 1)
     rows = min(rows, unpacked // max(1, math.prod(row) * data.dtype.itemsize))
