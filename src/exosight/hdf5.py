@@ -37,9 +37,7 @@ _DEFLATE = 1032
 
 
 @contextmanager
-def opened(
-    content: BufferedIOBase, name: object, what: str, user_block: int = 0
-) -> Iterator[h5py.File]:
+def opened(content: BufferedIOBase, name: object, what: str, user_block: int = 0) -> Iterator[h5py.File]:
     """An HDF5 file for reading; whatever is wrong with it meanwhile ends as DataError.
 
     name         of the file, for messages
@@ -196,7 +194,7 @@ def whole_array(
 
 
 def stored_rows(data: h5py.Dataset) -> int:
-    """The rows of an array that its file has room for; one number is one row, and rows of none need no room."""
+    """The rows of an array that its file has room for; one number is one row, rows of none need no room."""
     rows, *row = data.shape or (1,)
     if 0 in row:
         return rows

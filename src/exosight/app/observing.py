@@ -106,6 +106,6 @@ def refuse_control(system: str | None, given: dict[str, object]) -> None:
     for name, value in given.items():
         if value not in (None, False):
             raise InputError(
-                f"live: --{name} drives a system that is simulated as well, and of {system} only pictures and "
-                "readings are known; leave it out, and it is observed"
+                f"live: --{name} is for a system that is simulated as well, and of {system} only pictures "
+                "and readings are known; leave it out, and it is observed"
             )

@@ -121,6 +121,7 @@ def fit(
     group   the processes that train together, see `exosight.learning.parallel`; the first exports
     """
     from exosight.learning import export_onnx, train
+    from exosight.learning.ood import FEW
 
     start = sources.pretrained.card if sources.pretrained else None
     if start:
@@ -146,8 +147,14 @@ def fit(
     )
     if group.first and not (folder / MODEL).exists():
         kept, own = split.validation, data.frames
-        seen = inputs(own.images, stacked_rows(own, config.history)[kept], own.commands[kept], config)
-        export_onnx(folder, folder / MODEL, own.images[kept], own.labels[kept], seen)
+
+        def seen(part: np.ndarray) -> tuple[np.ndarray, ModelInputs]:
+            rows = stacked_rows(own, config.history)[part]
+            return own.images[part], inputs(own.images, rows, own.commands[part], config)
+
+        learned = seen(split.train) if len(kept) < FEW else None
+        images, beside = seen(kept)
+        export_onnx(folder, folder / MODEL, images, own.labels[kept], beside, learned)
     return result.history
 
 

@@ -1,6 +1,4 @@
-"""A controller that drives nothing: what a guard needs to judge pictures of a system of which no simulation is
-known, or while nothing is to move (needs JAX).
-"""
+"""A controller that drives nothing: what a guard needs to judge pictures alone (needs JAX)."""
 
 from dataclasses import replace
 

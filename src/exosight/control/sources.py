@@ -24,6 +24,7 @@ from exosight.vision.pictures import ENDINGS, Crop, cropped, middle_of, natural_
 GIVEN_UP = 5.0
 """Time without a frame after which a camera is given up [s]; the guard has released long before."""
 
+
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One picture of the plant.

@@ -14,7 +14,7 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -32,6 +32,7 @@ LARGEST_RECORD = 2**20  # [bytes]; a record takes under 1 KiB
 LARGEST_JOB = 2**23  # [bytes]; that of the largest system file takes under 4 MiB
 
 
+@runtime_checkable
 class Job(Protocol):
     """What a folder is to hold: a pydantic dataclass of all that decides what its chunks hold."""
 

@@ -185,7 +185,7 @@ def read_manifest(folder: Path) -> Manifest:
     except (ValueError, RecursionError) as error:
         raise DataError(f"{path}: truncated or damaged, it is not JSON ({error})") from error
     found = values.get("format") if isinstance(values, dict) else None
-    check_format(path, "dataset", found, FORMAT, "make it again with the options in its config")
+    check_format(path, "dataset", found, FORMAT, "generate it again with the options in its config")
     try:
         manifest = _ADAPTER.validate_json(content, strict=True)
     except ValidationError as error:

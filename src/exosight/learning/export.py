@@ -37,6 +37,7 @@ def export_onnx(
     images: UInt8[np.ndarray, "frames height width"],
     labels: Float32[np.ndarray, "frames outputs"],
     inputs: ModelInputs = IMAGE_ONLY,
+    learned: tuple[UInt8[np.ndarray, "more height width"], ModelInputs] | None = None,
 ) -> ModelCard:
     """Write the best network of a run as an ONNX file, after checking it against ONNX Runtime.
 
@@ -50,6 +51,7 @@ def export_onnx(
     labels   what their estimated sensors read: they set how wide the intervals around estimates are, and the
              probability of contact
     inputs   what the network has as inputs beside these frames
+    learned  frames that it has learned from, with its inputs beside them, see `fit_ood_detector`
     returns  what the file's metadata say
 
     Raises InputError if `path` exists or `inputs` are not the network's, DataError if the
@@ -61,7 +63,8 @@ def export_onnx(
     settings, schema = checkpoint.run.settings, checkpoint.run.schema
     check_inputs(images, inputs, settings.history, schema.channels if settings.actuation else ())
     seen = stacked(images, inputs), inputs.commands
-    ood = fit_ood_detector(model, *seen)
+    known = None if learned is None else (stacked(*learned), learned[1].commands)
+    ood = fit_ood_detector(model, seen, known)
     found, error, contact = _answers(model, *seen)
     forces = nonnegative(schema)
     card = _card(checkpoint, calibrate_intervals(found, error, labels, forces), ood.limit)

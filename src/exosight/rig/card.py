@@ -26,13 +26,13 @@ def readme(manifest: Manifest, notes: Sequence[str]) -> str:
         [
             f"# {manifest.system}",
             "",
-            f"{manifest.frames:,} gray pictures of the system `{manifest.system}`, {view.width} × {view.height} "
-            f"pixels, in {len(manifest.designs)} sequences, each with what its sensors read. All of it is "
-            "measured; poses are unknown.",
+            f"{manifest.frames:,} gray pictures of the system `{manifest.system}`, {view.width} × "
+            f"{view.height} pixels, in {len(manifest.designs)} sequences, each with what its sensors read. "
+            "All of it is measured; poses are unknown.",
             "",
-            "`chunk_*.h5` (HDF5) hold one row a frame, in the same order for all arrays; `design` is the number "
-            "of the sequence, `step` the place in it. `manifest.json` lists these files with their SHA-256, the "
-            "sequences, the sensors and the options of `exosight import`.",
+            "`chunk_*.h5` (HDF5) hold one row a frame, in the same order for all arrays; `design` is the "
+            "number of the sequence, `step` the place in it. `manifest.json` lists these files with their "
+            "SHA-256, the sequences, the sensors and the options of `exosight import`.",
             "",
             "| quantity | unit | |",
             "|---|---|---|",

@@ -2,7 +2,6 @@
 
 import hashlib
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from exosight.rig.pictures import Gray
 from exosight.vision.pictures import ENDINGS, LARGEST_FILE, decode, natural_order
 
 _DARK = 16
-"""Gray levels that a picture of 16 bits must at least reach in 8: fewer are the low bits of a 12-bit camera."""
+"""Gray level of 8 bits that a picture of 16 must reach: below are the low bits of a 12-bit camera."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +36,7 @@ class PictureFolder:
         """Subfolders."""
         return tuple(name.rpartition("/")[0] for name in self.files)
 
-    @cached_property
+    @property
     def times(self) -> Float64[np.ndarray, " pictures"] | None:
         """The names, if all are numbers."""
         try:
@@ -48,7 +47,7 @@ class PictureFolder:
 
     time_unit = None
 
-    @cached_property
+    @property
     def fingerprint(self) -> str:
         """Of names and sizes of the files."""
         sizes = [f"{name} {(self.root / name).stat().st_size}" for name in self.files]
@@ -66,9 +65,10 @@ class PictureFolder:
         if found.deep:
             self._deep.add(place)
             if found.gray.max() < _DARK:
+                most = 256 * int(found.gray.max()) + 255
                 raise DataError(
-                    f"{path}: 16 bits a pixel, but no value above {256 * int(found.gray.max()) + 255} of 65535, "
-                    "which is black in 8 bits; scale the pictures to the full range, or save them with 8 bits"
+                    f"{path}: 16 bits a pixel, but no value above {most} of 65535, which is black in 8 "
+                    "bits; scale the pictures to the full range, or save them with 8 bits"
                 )
         return found.gray
 

@@ -4,7 +4,8 @@ What is wrong with table, names and times is found before the first picture is s
 be read stops the import where it is, and what is stored stays for `resume`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -116,6 +117,7 @@ class Import:
         return ImportJob(self.config, self.pictures.fingerprint, self.readings.sha256, each)
 
 
+@contextmanager
 def prepare(
     source: Path,
     config: ImportConfig,
@@ -123,7 +125,7 @@ def prepare(
     times: Path | None = None,
     *,
     drop: bool = False,
-) -> Import:
+) -> Iterator[Import]:
     """Open pictures and table, and find out how they fit together; only the first picture is read.
 
     source  folder of pictures, video or .mat file
@@ -134,11 +136,19 @@ def prepare(
     Raises DataError for files that cannot be read, InputError for what does not fit together.
     """
     readings = read_table(table) if table is not None else None
-    pictures, own = _open_source(source, config, readings)
-    readings = readings or own
-    if readings is None:
-        table = _only_table(source)
-        readings = read_table(table)
+    with _opened(source, config, readings) as (pictures, own):
+        readings = readings or own or read_table(_only_table(source))
+        yield _fitted(pictures, readings, source, config, times, drop)
+
+
+def _fitted(
+    pictures: PictureSource,
+    readings: ReadingTable,
+    source: Path,
+    config: ImportConfig,
+    times: Path | None,
+    drop: bool,
+) -> Import:
     if not readings.columns:
         raise InputError(f"{readings.source}: no readings in it; name a table with --table")
     readings, sensors = _with_units(readings, config.sensors)
@@ -202,7 +212,9 @@ def store(
             record = finished(folder, job, number, of)
             if record is None:
                 (folder / MANIFEST).unlink(missing_ok=True)  # until its chunks are whole, it is no dataset
-                record = _make_chunk(found, folder, number, part, drop, lambda done, n=start: progress(n + done, total))
+                record = _make_chunk(
+                    found, folder, number, part, drop, lambda done, n=start: progress(n + done, total)
+                )
             records.append(record)
             progress(int(part[-1]) + 1, total)
         chunks = tuple(record.entry for record in records if record.entry)
@@ -211,19 +223,23 @@ def store(
         return _finish(found, folder, records)
 
 
-def _open_source(
+@contextmanager
+def _opened(
     source: Path, config: ImportConfig, table: ReadingTable | None
-) -> tuple[PictureSource, ReadingTable | None]:
-    """Pictures, and the readings that stand in the same file."""
+) -> Iterator[tuple[PictureSource, ReadingTable | None]]:
+    """Pictures, and the readings that stand in the same file, which is open meanwhile."""
     is_mat = source.suffix.lower() == ".mat" and not source.is_dir()
     for option, value in (("images", config.images), ("order", config.order)):
         if value is not None and not is_mat:
             raise InputError(f"--{option}: an option of .mat files, got {source}; leave it out")
     if source.is_dir():
-        return open_folder(source), None
-    if is_mat:
-        return open_mat(source, config.images, config.order, None if table is None else len(table))
-    return Video(source), None
+        yield open_folder(source), None
+    elif is_mat:
+        with open_mat(source, config.images, config.order, None if table is None else len(table)) as found:
+            yield found
+    else:
+        with closing(Video(source)) as video:
+            yield video, None
 
 
 def _only_table(source: Path) -> Path:
@@ -268,8 +284,8 @@ def _make_chunk(
         except (DataError, InputError) as error:
             if not drop:
                 raise type(error)(
-                    f"{error}; what is stored stays: mend it and go on with --resume, or leave such pictures out "
-                    "with --resume --drop-incomplete"
+                    f"{error}; what is stored stays: mend it and go on with --resume, or leave such pictures "
+                    "out with --resume --drop-incomplete"
                 ) from error
         progress(done + 1)
     rows = part[kept]

@@ -141,8 +141,8 @@ def _picture_times(
         found = pictures.times * in_si(pictures.time_unit or timed.unit or "s")[1]
     else:
         raise InputError(
-            "times: unknown for these pictures; expected a video, file names that are numbers, or --times with "
-            "a table of columns picture and time"
+            "times: unknown for these pictures; expected a video, file names that are numbers, or --times "
+            "with a table of columns picture and time"
         )
     return found
 
@@ -164,12 +164,13 @@ def _rows_by_time(
     near = apart <= tolerance * (1 + 1e-9)  # NaN is far
     if not near.any():
         raise InputError(
-            f"{source}: no row within {tolerance:g} s of a picture; pictures are from {_span(pictures)}, rows "
-            f"from {_span(rows)}: correct their clocks or units, or allow more with --tolerance"
+            f"{source}: no row within {tolerance:g} s of a picture; pictures are from {_span(pictures)}, "
+            f"rows from {_span(rows)}: correct their clocks or units, or allow more with --tolerance"
         )
     words = (
-        f"rows by time, {1e3 * np.median(apart[near]):.3g} ms apart (median), {1e3 * apart[near].max():.3g} ms "
-        f"at most; {int((~near).sum())} pictures without a row within {1e3 * tolerance:g} ms"
+        f"rows by time, {1e3 * np.median(apart[near]):.3g} ms apart (median), "
+        f"{1e3 * apart[near].max():.3g} ms at most; {int((~near).sum())} pictures without a "
+        f"row within {1e3 * tolerance:g} ms"
     )
     return Match(np.where(near, nearest, NO_ROW), words, by_time=True)
 

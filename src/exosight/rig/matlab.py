@@ -5,17 +5,18 @@ the number of readings. Version 7.3 is HDF5, read a block at a time; older ones 
 """
 
 import hashlib
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import cv2
 import h5py
 import numpy as np
 
 from exosight.dataset.matlab import read_mat
-from exosight.errors import DataError, InputError
+from exosight.errors import DataError, ExosightError, InputError
 from exosight.files import open_file
 from exosight.hdf5 import opened, whole_array
 from exosight.rig.pictures import Gray
@@ -30,8 +31,10 @@ _USER_BLOCK = 512  # bytes before the HDF5 file in one of version 7.3
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _BLOCK = 64  # pictures that are read at once
 _MOST_COLUMNS = 64  # of one variable of readings
+_LONGEST_TEXT = 1000
 
 
+@runtime_checkable
 class _Variable(Protocol):
     """An array of a .mat file, with the shape that MATLAB shows."""
 
@@ -55,8 +58,9 @@ class _InMemory:
 class _InFile:
     """HDF5 shows the dimensions of MATLAB in reverse."""
 
-    def __init__(self, data: h5py.Dataset) -> None:
-        self._data, self.shape, self.dtype = data, data.shape[::-1], data.dtype
+    def __init__(self, data: h5py.Dataset, logical: bool) -> None:
+        self._data, self.shape = data, data.shape[::-1]
+        self.dtype = np.dtype(bool) if logical else data.dtype
 
     def part(self, axis: int, start: int, stop: int) -> np.ndarray:
         where = [slice(None)] * len(self.shape)
@@ -73,9 +77,8 @@ class MatPictures:
     times = None
     time_unit = None
 
-    def __init__(self, path: Path, name: str, images: _Variable, order: str, close: Callable[[], None]):
+    def __init__(self, path: Path, name: str, images: _Variable, order: str) -> None:
         self._path, self._images, self._order = path, images, order
-        self.close = close
         self._axis = order.index("N")
         count = images.shape[self._axis]
         self.names = tuple(f"{path.name}, {name} {place + 1}" for place in range(count))
@@ -97,10 +100,12 @@ class MatPictures:
             self._start = place - place % _BLOCK
             self._block = self._read(self._start)
         rest = self._order.replace("N", "")
-        picture = np.transpose(self._block[place - self._start], [rest.index(axis) for axis in "HWC"[: len(rest)]])
-        if picture.dtype == np.uint16:
+        picture = np.transpose(
+            self._block[place - self._start], [rest.index(axis) for axis in "HWC"[: len(rest)]]
+        )
+        if self._images.dtype == np.uint16:
             picture = (picture >> 8).astype(np.uint8)
-        elif picture.dtype != np.uint8:
+        elif self._images.dtype != np.uint8:
             picture = np.clip(np.rint(picture * self._factor), 0, 255).astype(np.uint8)
         picture = np.ascontiguousarray(picture)
         if picture.ndim == 3:
@@ -132,7 +137,7 @@ class MatPictures:
                 f"{self._path}: {name} has 16 bits a pixel, but no value above {highest} of 65535, which is "
                 "black in 8 bits; scale it to the full range, or save it as uint8"
             )
-        if kind == bool or (kind.kind == "f" and lowest >= 0 and highest <= 1):
+        if kind.kind == "b" or (kind.kind == "f" and lowest >= 0 and highest <= 1):
             return 255.0
         if lowest >= 0 and highest <= 255:
             return 1.0
@@ -142,10 +147,11 @@ class MatPictures:
         )
 
 
+@contextmanager
 def open_mat(
     path: Path, images: str | None, order: str | None, rows: int | None
-) -> tuple[MatPictures, ReadingTable]:
-    """Pictures and readings of a .mat file.
+) -> Iterator[tuple[MatPictures, ReadingTable]]:
+    """Pictures and readings of a .mat file, which is open meanwhile.
 
     images  name of the variable with the pictures; by default the only one of three or four dimensions
     order   of its dimensions, one of ORDERS or FURTHER_ORDERS; by default as the number of readings says
@@ -156,8 +162,10 @@ def open_mat(
 
     Raises DataError if the file cannot be read, InputError if it does not say which variables are meant.
     """
-    with ExitStack() as stack:
-        variables = _variables(path, stack)
+    stack = ExitStack()
+    try:
+        with _readable(path):
+            variables = _variables(path, stack)
         name = images or _only_pictures(path, variables)
         found = variables.get(name)
         if found is None or isinstance(found, list) or len(found.shape) not in (3, 4):
@@ -168,14 +176,35 @@ def open_mat(
         lengths = {rows} if rows is not None else _lengths(variables, name)
         chosen = _order(path, name, found.shape, order, lengths)
         count = found.shape[chosen.index("N")]
-        table = ReadingTable(str(path), tuple(_columns(variables, name, count)))
-        pictures = MatPictures(path, name, found, chosen, stack.pop_all().close)
-        return pictures, table
+        with _readable(path):
+            table = ReadingTable(str(path), tuple(_columns(variables, name, count)))
+        yield MatPictures(path, name, found, chosen), table
+    finally:
+        stack.close()  # not told of exceptions, which HDF5 would take for its own
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    """Whatever a damaged file makes h5py raise, as DataError."""
+    try:
+        yield
+    except ExosightError:
+        raise
+    except (
+        OSError,
+        LookupError,
+        RuntimeError,
+        ValueError,
+        TypeError,
+        AttributeError,
+        ArithmeticError,
+    ) as error:
+        raise DataError(f"{path}: damaged, or not a .mat file ({error})") from error
 
 
 def _variables(path: Path, stack: ExitStack) -> Variables:
-    file = stack.enter_context(open_file(path, "expected a .mat file"))
-    head = file.read(_USER_BLOCK + len(_SIGNATURE))
+    with open_file(path, "expected a .mat file") as content:
+        head = content.read(_USER_BLOCK + len(_SIGNATURE))
     if _SIGNATURE not in (head[: len(_SIGNATURE)], head[_USER_BLOCK:]):
         found = {}
         for name, value in read_mat(path).items():
@@ -184,32 +213,34 @@ def _variables(path: Path, stack: ExitStack) -> Variables:
             elif isinstance(value, list) and value and all(isinstance(each, str) for each in value):
                 found[name] = value
         return found
-    file = stack.enter_context(opened(file, path, "a .mat file of version 7.3", _USER_BLOCK))
-    return {
-        name: variable for name in map(str, file) if (variable := _hdf5_variable(file, name)) is not None
-    }
+    content = stack.enter_context(open_file(path, "expected a .mat file"))
+    file = stack.enter_context(opened(content, path, "a .mat file of version 7.3", _USER_BLOCK))
+    return {name: variable for name in map(str, file) if (variable := _hdf5_variable(file, name)) is not None}
 
 
 def _hdf5_variable(file: h5py.File, name: str) -> "_Variable | list[str] | None":
     if not isinstance(file.get(name, getlink=True), h5py.HardLink):
         return None
     data = file[name]
-    if not isinstance(data, h5py.Dataset) or data.shape is None:
+    if not isinstance(data, h5py.Dataset) or data.shape is None or data.external or data.is_virtual:
         return None
-    if data.attrs.get("MATLAB_class") == b"cell" and data.size <= _MOST_COLUMNS:
+    if data.attrs.get("MATLAB_class") == b"cell":
+        if math.prod(data.shape) > _MOST_COLUMNS:
+            return None
         texts = [_text(file, reference) for reference in np.asarray(data[()]).ravel(order="F")]
         return [text for text in texts if text is not None] if None not in texts else None
     if data.dtype.kind not in "fiub" or data.attrs.get("MATLAB_class") == b"char":
         return None
-    found = _InFile(whole_array(file, name, data.dtype, (None,) * data.ndim))
-    # MATLAB stores logical values as bytes.
-    return found
+    logical = data.attrs.get("MATLAB_class") == b"logical"  # stored as bytes
+    return _InFile(whole_array(file, name, data.dtype, (None,) * data.ndim), logical)
 
 
 def _text(file: h5py.File, reference: Any) -> str | None:
     """What a cell holds, if it is a text."""
     data = file[reference] if isinstance(reference, h5py.Reference) else None
-    if not isinstance(data, h5py.Dataset) or data.dtype != np.uint16 or data.size > 1000:
+    if not isinstance(data, h5py.Dataset) or data.dtype != np.uint16 or data.external or data.is_virtual:
+        return None
+    if math.prod(data.shape or (0,)) > _LONGEST_TEXT:
         return None
     return "".join(map(chr, np.asarray(data[()]).ravel().tolist()))
 
@@ -256,8 +287,8 @@ def _order(path: Path, name: str, shape: tuple[int, ...], order: str | None, len
         )
     counts = ", ".join(map(str, sorted(lengths))) or "none"
     raise InputError(
-        f"{path}: none of the dimensions of {name}, {sides}, is the number of readings ({counts}); expected a "
-        "reading a picture, or say the order of dimensions with --order"
+        f"{path}: none of the dimensions of {name}, {sides}, is the number of readings ({counts}); expected "
+        "a reading a picture, or say the order of dimensions with --order"
     )
 
 

@@ -1,7 +1,7 @@
 """What all sources of pictures have in common: an order, a size, and the part and size that are stored."""
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float64, UInt8
@@ -19,6 +19,7 @@ Region = tuple[int, int, int, int]
 """Left edge, upper edge, width and height of a part of a picture [pixels]."""
 
 
+@runtime_checkable
 class PictureSource(Protocol):
     """Pictures of one camera, all of one size, in an order."""
 

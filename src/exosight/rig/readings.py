@@ -141,8 +141,8 @@ def _si_values(
     """Unit and numbers of a column in SI units."""
     if column.unit is None and unit is None:
         raise InputError(
-            f"{source}: {column.heading} has no unit; write it behind the name, like {column.name} [N], or give "
-            "--unit for all such columns"
+            f"{source}: {column.heading} has no unit; write it behind the name, like {column.name} [N], or "
+            "give --unit for all such columns"
         )
     name, factor = in_si(column.unit or unit or "")
     numbers = column.numbers * factor
@@ -221,8 +221,8 @@ def _times(
         at = int(falls[0])
         raise InputError(
             f"column {timed.heading}: it falls from {found[at]:.10g} s to {found[at + 1]:.10g} s in row "
-            f"{int(rows[at + 1]) + 1} of the sequence {names[own[at]]} ({falls.size} such rows); bring rows and "
-            "pictures into the order of time, or say with --sequence where each sequence begins"
+            f"{int(rows[at + 1]) + 1} of the sequence {names[own[at]]} ({falls.size} such rows); bring rows "
+            "and pictures into the order of time, or say with --sequence where each sequence begins"
         )
     return found
 

@@ -108,8 +108,8 @@ def column_of(heading: str, cells: Iterable[str]) -> TableColumn:
     name = re.sub(r"[^A-Za-z0-9_]+", "_", found["name"].strip()).strip("_")
     if not name or not name[0].isalpha() or len(name) > 32:
         raise InputError(
-            f"column {heading[:60]!r}: expected a name of 1 to 32 letters and digits, a letter first, with its "
-            "unit behind it in brackets, like thumb [N]; rename it"
+            f"column {heading[:60]!r}: expected a name of 1 to 32 letters and digits, a letter first, with "
+            "its unit behind it in brackets, like thumb [N]; rename it"
         )
     return TableColumn(heading, name, unit, tuple(cells))
 

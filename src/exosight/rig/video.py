@@ -16,11 +16,11 @@ from exosight.vision.capture import open_video, unreadable
 class Video:
     """The frames of a video. It is passed through once at first, to count them and to know their times."""
 
-    notes: list[str] = []
     time_unit = "s"
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.notes: list[str] = []
         self._capture: Any = None
         self._next = 0
         capture = self._opened()
@@ -57,10 +57,10 @@ class Video:
         if self._capture is None or place < self._next:
             self.close()
             self._capture, self._next = self._opened(), 0
-        taken = all(self._capture.grab() for _ in range(place + 1 - self._next))
-        taken, picture = self._capture.retrieve() if taken else (False, None)
+        reached = all(self._capture.grab() for _ in range(place + 1 - self._next))
+        picture = self._capture.retrieve()[1] if reached else None
         self._next = place + 1
-        if not taken:
+        if picture is None:
             raise DataError(f"{self.names[place]}: cannot be read; the file is truncated or damaged there")
         return cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
 

@@ -94,7 +94,7 @@ def natural_order(name: str) -> list[tuple[int, int, str]]:
 
 
 def same_aspect(shape: tuple[int, int], width: int, height: int) -> bool:
-    """Whether a picture of (rows, columns) has the aspect ratio of another, within one pixel of the smaller."""
+    """Whether a picture of (rows, columns) has another's aspect ratio, within one pixel of the smaller."""
     rows, columns = shape
     return abs(columns * height - rows * width) <= max(rows, columns, width, height)
 

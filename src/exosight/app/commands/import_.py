@@ -39,8 +39,8 @@ def import_(
     Args:
         source: folder of pictures, video, or .mat file
         out: folder to make; it must not exist, unless --resume
-        table: readings (CSV), a row a picture, or with times; by default the one CSV file in the folder, or the
-            variables of the .mat file
+        table: readings (CSV), a row a picture, or with times; by default the one CSV file in the folder, or
+            the variables of the .mat file
         times: when each picture was taken (CSV with the columns picture and time)
         config: what is made of them
         drop_incomplete: leave out pictures that have no row, an empty cell in it, or cannot be read
@@ -48,11 +48,11 @@ def import_(
         json: write what was imported as JSON to a new file, or to stdout with "-"
     """
     check_json_target(json)
-    found = prepare(source, config, table, times, drop=drop_incomplete)
-    for note in found.notes:
-        say(note)
-    with progress("importing", "pictures") as update:
-        manifest = store(found, out, update, resume=resume, drop=drop_incomplete)
+    with prepare(source, config, table, times, drop=drop_incomplete) as found:
+        for note in found.notes:
+            say(note)
+        with progress("importing", "pictures") as update:
+            manifest = store(found, out, update, resume=resume, drop=drop_incomplete)
     for note in found.pictures.notes:
         say(note)
     say(f"wrote {manifest.frames} frames of {len(manifest.designs)} sequences to {out}")

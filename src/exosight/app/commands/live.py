@@ -78,10 +78,10 @@ def live(
 ) -> None:
     """Control a force in real time: image, estimate, control law, actuator.
 
-    With a network for a system that was only measured (exosight import), nothing is driven: pictures are read,
-    judged and recorded. Otherwise, without a source, the system is simulated. However the loop ends, Ctrl-C included,
-    the command first returns to 0. At the start the controller is tuned on a simulation of the system,
-    which takes some seconds. A preset has the exosuit of the paper's controller (r0 0.01,
+    With a network for a system that was only measured (exosight import), nothing is driven: pictures are
+    read, judged and recorded. Otherwise, without a source, the system is simulated. However the loop ends,
+    Ctrl-C included, the command first returns to 0. At the start the controller is tuned on a simulation of
+    the system, which takes some seconds. A preset has the exosuit of the paper's controller (r0 0.01,
     r1 0.005, length 0.095) unless options say otherwise.
 
     Examples:
