@@ -107,6 +107,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(1)
 
 
+def command_of(name: str) -> Callable[..., None]:
+    """The function of a command; of one whose name Python keeps for itself it has a _ behind."""
+    word = f"{name}_" if iskeyword(name) else name
+    return getattr(import_module(f"exosight.app.commands.{word}"), word)
+
+
 def _run(arguments: list[str]) -> None:
     name, *options = arguments or ["--help"]
     if name in ("-h", "--help"):
@@ -117,8 +123,7 @@ def _run(arguments: list[str]) -> None:
         # Only now: each command imports what its options need.
         from exosight.app.options import read_options
 
-        word = f"{name}_" if iskeyword(name) else name
-        command: Callable[..., None] = getattr(import_module(f"exosight.app.commands.{word}"), word)
+        command = command_of(name)
         if "resume" in signature(command).parameters:
             STOP.words = "stopped; the same command with --resume goes on"
         chosen = read_options(command, options)

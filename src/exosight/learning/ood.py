@@ -57,7 +57,7 @@ class OodDetector(nn.Module):
         return ((error**2 - noise[:, None]) / self.usual**2).mean(1)
 
 
-Inputs = tuple[UInt8[np.ndarray, "frames stack height width"], Float32[np.ndarray, "frames channels"] | None]
+Inputs = tuple[UInt8[np.ndarray, "_ stack height width"], Float32[np.ndarray, "_ channels"] | None]
 """Images, each with those before it, as many as are inputs of the network; commands if they are an input [the
 channels' units]."""
 
