@@ -11,7 +11,6 @@ from exosight.control.guard import State
 from exosight.control.realtime import Step, run_live
 from exosight.control.sources import FrameStream
 from exosight.errors import InputError
-from exosight.system.schema import Schema
 
 WORDS = {
     State.NORMAL: "trusted",
@@ -20,11 +19,6 @@ WORDS = {
     State.RELEASE: "not trusted",
 }
 """What each of the guard's states says of the estimates."""
-
-
-def is_observed(schema: Schema) -> bool:
-    """Whether a network reads what only instruments do: no simulation of such a system is known."""
-    return any(sensor.quantity == "measurement" for sensor in schema.estimated)
 
 
 class ObservationLog(Log):

@@ -160,6 +160,9 @@ def fit(
 
 def training_data(frames: Frames, split: Split, identity: dict[str, str | int | float]) -> TrainingData:
     """Frames as training takes them."""
+    beside = auxiliary_values(frames.schema, frames.sensors, frames.commands)
+    if frames.schema.measured:  # commands that never come near 0 would rule the loss
+        beside = beside - beside[split.train].mean(axis=0)
     return TrainingData(
         schema=frames.schema,
         images=frames.images,
@@ -167,7 +170,7 @@ def training_data(frames: Frames, split: Split, identity: dict[str, str | int | 
         train_index=split.train,
         validation_index=split.validation,
         identity=identity,
-        auxiliary=auxiliary_values(frames.schema, frames.sensors, frames.commands),
+        auxiliary=beside,
         auxiliary_units=auxiliary_units(frames.schema),
         commands=frames.commands,
         previous=previous(frames),

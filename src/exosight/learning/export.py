@@ -189,6 +189,7 @@ def _verify(proto: onnx.ModelProto, model: SensorModel, card: ModelCard) -> None
     with torch.inference_mode():
         tensors = [torch.from_numpy(array) for array in given.values()]
         raw = answers(model.network(*tensors), model.network.outputs).values * model.scale
+        raw = raw if model.offset is None else raw + model.offset
         expected = [raw.numpy(), model(*tensors)[1].numpy()]
     found = session.run(["forces", "expected_error"], given)
     for mine, true in zip(found, expected, strict=True):

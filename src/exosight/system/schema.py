@@ -132,6 +132,11 @@ class Schema:
         return tuple(sensor for sensor in self.sensors if sensor.estimated)
 
     @property
+    def measured(self) -> bool:
+        """Whether an instrument gives what is estimated: no simulation does."""
+        return any(sensor.quantity == "measurement" for sensor in self.estimated)
+
+    @property
     def outputs(self) -> tuple[str, ...]:
         """Names of the sensors that networks estimate."""
         return tuple(sensor.name for sensor in self.estimated)

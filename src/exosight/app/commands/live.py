@@ -118,7 +118,7 @@ def live(
     # Here, so that --help and wrong options answer at once: JAX takes a second to import.
     from exosight.app.live import LiveRun, Log, on_simulation, on_source, opened, timing_table
     from exosight.app.nominal import nominal_system
-    from exosight.app.observing import is_observed, refuse_control
+    from exosight.app.observing import refuse_control
     from exosight.app.plots import plot_run, write_plot
     from exosight.control import CONTROL_SHAPE
     from exosight.control.estimator import OnnxEstimator, model_path
@@ -128,7 +128,7 @@ def live(
 
     place = model_path(model, loop.system)
     network = OnnxEstimator.load(place, alone=True)
-    if is_observed(network.card.schema):
+    if network.card.schema.measured:
         own = NOMINAL_LOOP
         changed = {
             "system": loop.system != own.system, "sensor": loop.sensor, "channel": loop.channel,
