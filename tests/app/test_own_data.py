@@ -23,19 +23,19 @@ SEQUENCES, EACH = 10, 16
 
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A blob whose place is a force of either sign and a pressure far from 0, and whose size is another force."""
+    """A blob whose place is a pressure far from 0 and a force of either sign, its size another force."""
     folder = tmp_path_factory.mktemp("own") / "pictures"
     folder.mkdir()
     rng = np.random.default_rng(0)
     y, x = np.mgrid[:32, :32] / 32
     with (folder / "readings.csv").open("w", newline="") as file:
         table = csv.writer(file)
-        table.writerow(["picture", "run", "thumb [N]", "line [kPa]", "grip [mN]"])
+        table.writerow(["picture", "run", "line [kPa]", "thumb [N]", "grip [mN]"])
         for k in range(SEQUENCES * EACH):
             a, b, size = rng.uniform([0.25, 0.25, 0.5], [0.75, 0.75, 1.5])
             picture = 255 * np.exp(-((x - a) ** 2 + (y - b) ** 2) / (0.02 * size))
             cv2.imwrite(str(folder / f"p_{k}.png"), picture.astype(np.uint8))
-            table.writerow([f"p_{k}.png", k // EACH, a - 0.5, 100 + b, 1000 * size])
+            table.writerow([f"p_{k}.png", k // EACH, 100 + b, a - 0.5, 1000 * size])
     return folder
 
 
@@ -69,9 +69,9 @@ def test_a_network_reads_every_channel_on_sequences_that_it_has_not_seen(
     main(["evaluate", "--data", str(data), "--model", str(model), "--json", "-"])
     found = json.loads(capsys.readouterr().out)
     assert found["frames"] == f"{2 * EACH} frames: test part by design"
-    assert [row["sensor"] for row in found["sensors"]][:3] == ["thumb [N]", "line [Pa]", "grip [N]"]
-    # 150 steps bring the errors to a third of the spread or so: r = 0.94.
-    assert min(row["r exosight"] for row in found["sensors"][:3]) > 0.8
+    assert [row["sensor"] for row in found["sensors"]][:3] == ["line [Pa]", "thumb [N]", "grip [N]"]
+    # 150 steps gave 0.997, 0.998 and 0.958; other processors round otherwise.
+    assert min(row["r exosight"] for row in found["sensors"][:3]) > 0.9
     assert [row["estimator"] for row in found["baselines"]] == ["this network", "mean of training"]
 
 
@@ -82,10 +82,10 @@ def test_pictures_are_estimated_with_intervals_of_either_sign(
     (found,) = json.loads(capsys.readouterr().out)["estimates"]
     keys = [tuple(row) for row in found["sensors"]]
     assert keys == [
-        ("sensor", *(f"{word}_{u}" for word in ("value", "low", "high"))) for u in ("N", "Pa", "N")
+        ("sensor", *(f"{word}_{u}" for word in ("value", "low", "high"))) for u in ("Pa", "N", "N")
     ]
-    assert all(row["low_N"] < row["value_N"] < row["high_N"] for row in found["sensors"][::2])
-    assert found["sensors"][1]["value_Pa"] == pytest.approx(100_500, abs=500)
+    assert all(row["low_N"] < row["value_N"] < row["high_N"] for row in found["sensors"][1:])
+    assert found["sensors"][0]["value_Pa"] == pytest.approx(100_500, abs=500)
     main(["estimate", str(pictures / "p_3.png"), "--model", str(model)])
     assert "contact" not in capsys.readouterr().out
     seen = estimate((pictures / "p_3.png").read_bytes(), OnnxEstimator.load(model))

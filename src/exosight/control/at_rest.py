@@ -42,17 +42,17 @@ def at_rest(schema: Schema, period: float = 1 / RATE) -> ControllerConfig:
     )
 
 
-def observer(schema: Schema, period: float, frozen_frames: int = 0) -> Guarded:
+def observer(schema: Schema, period: float = 1 / RATE, frozen_frames: int = 0) -> Guarded:
     """A guard that judges every frame, and whose command stays 0 while the target is 0.
 
     frozen_frames   as in GuardConfig
 
-    How wide an interval is does not count: nothing acts on the estimates, and their units are any.
+    Of what was measured, how wide an interval is does not count: units and ranges are any.
     """
-    return Guarded(
-        Scheduled(at_rest(schema, period)),
-        GuardConfig(uncertain_width=_WIDEST, frozen_frames=frozen_frames),
-    )
+    guard = GuardConfig(frozen_frames=frozen_frames)
+    if schema.measured:
+        guard = replace(guard, uncertain_width=_WIDEST)
+    return Guarded(Scheduled(at_rest(schema, period)), guard)
 
 
 _WIDEST = 1e9  # as large as a recording's numbers may be

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from exosight.control import Guarded, Measurement, Scheduled
-from exosight.control.at_rest import at_rest
+from exosight.control import Measurement
+from exosight.control.at_rest import observer
 from exosight.control.estimator import Reading
 from exosight.system.schema import Schema
 
@@ -30,7 +30,7 @@ def judge(image: UInt8[np.ndarray, "height width"], reading: Reading, schema: Sc
 
     Its limits are those by default; no law acts, so the paths it knows are flat.
     """
-    guarded = Guarded(Scheduled(at_rest(schema)))
+    guarded = observer(schema)
     for _ in range(guarded.guard.bad_frames):
         guarded.step(0.0, Measurement(image, reading))
     cause = guarded.log[-1].cause if guarded.log else "picture and estimate can be trusted"
