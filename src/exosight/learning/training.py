@@ -103,7 +103,8 @@ def train(
     """
     device = choose_device(config.device)
     first = pretrained.sha256 if pretrained else ""
-    settings = resolve(config, device, choose_precision(device), group.local_size, first)
+    pixels = math.prod(data.schema.image_size)
+    settings = resolve(config, device, choose_precision(device), group.local_size, first, pixels)
     data = _needed(data, settings)
     check_training_data(data)
     _check_slices(len(data.train_index), settings.batch, group)
