@@ -30,8 +30,8 @@ from exosight.learning.outputs import nonnegative
 
 _TOLERANCE = 1e-5
 """Float32 keeps seven digits and a forward pass sums a few hundred terms; measured: about 5e-7 at 128×128
-pixels. The dense layer sums over the image, and its round-off grows with the root of the number of pixels: 5e-5
-at 1024×1024."""
+pixels. The dense layer sums over the image, and its round-off grows with the root of the number of pixels:
+5e-5 at 1024×1024."""
 
 
 def export_onnx(
