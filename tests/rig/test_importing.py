@@ -244,7 +244,7 @@ def test_sources_that_are_none_are_one_sentence(folder: Path, table: Path, tmp_p
     empty.mkdir()
     for source, given_table, sentence in (
         (empty, table, "no pictures in it"),
-        (tmp_path / "nothing", table, "no such file"),
+        (tmp_path / "nothing", table, "not there; expected a folder of pictures, a video"),
         (table, table, "not a video that can be read"),
         (folder, None, "expected a table of readings"),
         (folder, tmp_path / "nothing.csv", "no such file"),

@@ -232,6 +232,8 @@ def _opened(
     for option, value in (("images", config.images), ("order", config.order)):
         if value is not None and not is_mat:
             raise InputError(f"--{option}: an option of .mat files, got {source}; leave it out")
+    if not source.exists():
+        raise DataError(f"{source}: not there; expected a folder of pictures, a video or a .mat file")
     if source.is_dir():
         yield open_folder(source), None
     elif is_mat:
