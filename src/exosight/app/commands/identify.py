@@ -66,14 +66,15 @@ def identify(
     if out.suffix != ".toml":
         raise InputError(f"--out: expected a file *.toml, got {str(out)!r}")
     check_new_file(out)
-    from exosight.rig.identification.files import picture_files, read_measurements, read_picture
+    from exosight.rig.identification.files import open_pictures, read_measurements
     from exosight.rig.identification.result import identify as run
     from exosight.rig.table import read_table
     from exosight.system.build import build
     from exosight.system.file import describe
 
+    table, folder = read_table(loads), open_pictures(pictures)
     if system == INDEX:
-        first = read_picture(picture_files(pictures)[0])
+        first = folder.picture(0)
         values = _index_values(exosuit, first.shape)
         if gain is not None:
             values = _with_gain(values, gain)
@@ -81,17 +82,16 @@ def identify(
         exosuit.refuse("the system file says it all")
         values = _file_values(system, gain)
     nominal = build(describe(values))
-    read_table(loads)  # before any picture is read
     with progress("reading pictures", "pictures") as update:
-        measured = read_measurements(pictures, loads, nominal, masks, update)
+        measured = read_measurements(folder, table, nominal, masks, update)
     count = len(measured.outlines)
     with progress("fitting", "pictures") as update:
         found = run(values, measured, known_gains=False, done=lambda k: update(k, count))
     found = replace(found, values=_named(found, out.stem))
+    write_new_file(out, found.toml.encode())
     show_or_write([_table(found)], _numbers(found), json)
     for sentence in _remarks(found, nominal.schema.channels[0].unit):
         say(sentence)
-    write_new_file(out, found.toml.encode())
     say(f"wrote {out}; exosight system show {out}")
 
 

@@ -53,9 +53,10 @@ def projected(
 
 
 def nearest_spheres(
-    points: Float[AnyArray, "points 2"], axis: Float[Array, "nodes 2"], radius: Float[Array, " nodes"]
+    points: Float[AnyArray, "points 2"], axis: Float[AnyArray, "nodes 2"], radius: Float[AnyArray, " nodes"]
 ) -> Spheres:
     """The spheres of a tube that are nearest to points [pixels]; by its segment, which has no derivative."""
+    axis, radius = jnp.asarray(axis), jnp.asarray(radius)
     fixed = jax.lax.stop_gradient((axis, radius))
     every = _on_segments(points[:, None], *_ends(*fixed))
     segment = jnp.argmin(every.distance, axis=1)
@@ -66,7 +67,7 @@ def distances(
     points: Float[AnyArray, "points 2"],
     inside: Int[AnyArray, " points"],
     outside: Int[AnyArray, " points"],
-    tubes: Sequence[tuple[Float[Array, "nodes 2"], Float[Array, " nodes"]]],
+    tubes: Sequence[tuple[Float[AnyArray, "_ 2"], Float[AnyArray, " _"]]],
     offset: Float[AnyArray, " tubes"],
     stacked: bool,
 ) -> Float[Array, " points"]:

@@ -7,34 +7,40 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import DataError, InputError
-from exosight.files import read_file
+from exosight.rig.folder import PictureFolder, open_folder
 from exosight.rig.identification.measurements import Measurements
 from exosight.rig.identification.outlines import Outline, outline_of_mask, outline_of_picture
-from exosight.rig.table import ReadingTable, TableColumn, read_table
+from exosight.rig.matching import NO_ROW, PICTURE_COLUMNS, TIME_COLUMNS, match_rows
+from exosight.rig.table import ReadingTable, TableColumn
+from exosight.rig.units import in_si
 from exosight.system.schema import Schema
 from exosight.system.system import System
-from exosight.system.units import KINDS
-from exosight.vision.pictures import LARGEST_FILE, decode_whole
 
-PICTURE = ("picture", "image", "file", "filename")
-"""Names of the column that names the pictures, in any case."""
-ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 MOST = 1000
 """Pictures; some tens tell all that there is to tell."""
+APART = 0.02
+"""Largest difference in time of a picture and its row [s]."""
+
+
+def open_pictures(folder: Path) -> PictureFolder:
+    """The pictures of a folder; DataError if there are none or too many."""
+    found = open_folder(folder)
+    if len(found.names) > MOST:
+        raise DataError(f"{folder}: expected 2 to {MOST} pictures, got {len(found.names)}; take some of them")
+    return found
 
 
 def read_measurements(
-    folder: Path,
-    loads: Path,
+    pictures: PictureFolder,
+    table: ReadingTable,
     system: System,
     masks: bool,
     done: Callable[[int, int], None] = lambda k, n: None,
 ) -> Measurements:
-    """The outlines, commands and readings of a folder of pictures and its table.
+    """The outlines, commands and readings of pictures and their table.
 
     The table has a row a picture, in the order in which commands were reached: a column for each channel, any
-    columns of sensors, each with its unit as "u [N]", and `picture`, the file's name in the folder; without
-    it the rows are those of the pictures sorted by name.
+    columns of sensors, each with its unit as "u [N]". Rows belong to pictures as `match_rows` finds.
 
     system   whose channels, sensors, tubes and camera they are
     masks    whether the pictures are masks, see `outline_of_mask`
@@ -42,55 +48,28 @@ def read_measurements(
 
     Raises DataError and InputError, with one sentence, for what is missing or does not fit.
     """
-    table = read_table(loads)
-    paths = _paths(folder, table)
-    commands = _commands(table, system.schema)
-    readings = _readings(table, system.schema)
+    rows = match_rows(pictures, table, "auto", APART).rows
+    if (rows == NO_ROW).any():
+        lost = pictures.names[int(np.argmax(rows == NO_ROW))]
+        raise InputError(
+            f"{table.source}: expected a row for every picture, got none for {lost}; add its load, or take "
+            "the picture out of the folder"
+        )
+    places = np.argsort(rows)
+    commands = _commands(table, system.schema)[rows[places]]
+    readings = {name: column[rows[places]] for name, column in _readings(table, system.schema).items()}
     camera, outlines = system.camera, []
-    for k, path in enumerate(paths):
-        gray = read_picture(path)
+    for place in places:
+        name = str(pictures.root / pictures.names[place])
+        gray = pictures.picture(int(place))
         if gray.shape != (camera.height, camera.width):
             raise DataError(
-                f"{path}: expected {camera.width}×{camera.height} pixels, got "
-                f"{gray.shape[1]}×{gray.shape[0]}; pictures must be as large as the first one, and as the "
-                "camera of a system file"
+                f"{name}: expected {camera.width}×{camera.height} pixels, as the first picture or the system "
+                f"file's camera has, got {gray.shape[1]}×{gray.shape[0]}; take pictures of one size"
             )
-        outlines.append(_outline(gray, system, masks, str(path)))
-        done(k + 1, len(paths))
+        outlines.append(_outline(gray, system, masks, name))
+        done(len(outlines), len(places))
     return Measurements(commands, tuple(outlines), readings)
-
-
-def read_picture(path: Path) -> UInt8[np.ndarray, "rows columns"]:
-    """A picture file as gray values in its own size; DataError if it is none."""
-    return decode_whole(read_file(path, LARGEST_FILE, "expected a picture"), str(path))
-
-
-def picture_files(folder: Path) -> list[Path]:
-    """The pictures of a folder, sorted by name; DataError if there are none or too many."""
-    if not folder.is_dir():
-        raise DataError(f"{folder}: no such folder; expected one with pictures")
-    found = sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS)
-    if not 1 <= len(found) <= MOST:
-        raise DataError(f"{folder}: expected 2 to {MOST} pictures ({', '.join(ENDINGS)}), got {len(found)}")
-    return found
-
-
-def _paths(folder: Path, table: ReadingTable) -> list[Path]:
-    """The picture of each row."""
-    files = picture_files(folder)
-    column = table.find(PICTURE)
-    if column is None:
-        if len(files) != len(table):
-            raise DataError(
-                f"{table.source}: expected a row a picture, {len(files)}, got {len(table)}; or add a column "
-                "picture with the names of the files"
-            )
-        return files
-    known = {path.name: path for path in files}
-    for row, name in enumerate(column.cells, 1):
-        if name not in known:
-            raise DataError(f"{table.source}: row {row}: there is no picture {name!r} in {folder}")
-    return [known[name] for name in column.cells]
 
 
 def _commands(table: ReadingTable, schema: Schema) -> Float[np.ndarray, "pictures channels"]:
@@ -123,7 +102,7 @@ def _commands(table: ReadingTable, schema: Schema) -> Float[np.ndarray, "picture
 def _readings(table: ReadingTable, schema: Schema) -> dict[str, Float[np.ndarray, " pictures"]]:
     """Columns of sensors, in their units; others than channels and pictures are refused."""
     names = {sensor.name.lower(): sensor for sensor in schema.sensors}
-    others = {*PICTURE, *(channel.name.lower() for channel in schema.channels)}
+    others = {*PICTURE_COLUMNS, *TIME_COLUMNS, *(channel.name.lower() for channel in schema.channels)}
     found = {}
     for column in table.columns:
         if column.name.lower() in others:
@@ -131,8 +110,8 @@ def _readings(table: ReadingTable, schema: Schema) -> dict[str, Float[np.ndarray
         sensor = names.get(column.name.lower())
         if sensor is None:
             raise InputError(
-                f"{table.source}: column {column.heading} is no channel and no sensor of {schema.system} "
-                f"(sensors: {', '.join(each.name for each in schema.sensors)}); rename it or leave it out"
+                f"{table.source}: column {column.heading} is no channel and no sensor of {schema.system} ("
+                f"it has {', '.join(each.name for each in schema.sensors)}); rename it"
             )
         numbers = _in_unit(table, column, sensor.unit)
         if np.isfinite(numbers).any():
@@ -147,17 +126,14 @@ def _in_unit(table: ReadingTable, column: TableColumn, unit: str) -> Float[np.nd
             f"{table.source}: column {column.heading} has no unit; write it behind the name, like "
             f'"{column.name} [{unit}]"'
         )
-    factor = 1.0
-    if column.unit != unit:
-        kind = next((kind for kind in KINDS if unit in kind.units and column.unit in kind.units), None)
-        if kind is None:
-            raise InputError(
-                f"{table.source}: column {column.heading}: expected its unit {unit}, got {column.unit}; for "
-                f'loads in a unit of your own give --gain, what one of it does, like "0.05 N/{column.unit}"'
-            )
-        factor = kind.units[column.unit] / kind.units[unit]
+    (kind, size), (other, own) = in_si(column.unit), in_si(unit)
+    if kind != other:
+        raise InputError(
+            f"{table.source}: column {column.heading}: expected its unit {unit}, got {column.unit}; for "
+            f'loads in a unit of your own give --gain, what one of it does, like "0.05 N/{column.unit}"'
+        )
     try:
-        return factor * column.numbers
+        return size / own * column.numbers
     except InputError as error:
         raise InputError(f"{table.source}: {error}") from None
 

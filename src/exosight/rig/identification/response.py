@@ -91,9 +91,13 @@ class Model:
         behind[i] -= STEP
         each = self.parameters[i]
         width = each.value(float(ahead[i])) - each.value(float(behind[i]))
-        return jax.tree.map(
-            lambda a, b: (np.asarray(a) - np.asarray(b)) / width, self.numbers(ahead), self.numbers(behind)
-        )
+
+        def change(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+            a, b = np.asarray(a), np.asarray(b)
+            # Limits may be infinite.
+            return np.asarray((np.where(a == b, 0.0, a) - np.where(a == b, 0.0, b)) / width)
+
+        return jax.tree.map(change, self.numbers(ahead), self.numbers(behind))
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
