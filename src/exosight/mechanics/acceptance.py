@@ -16,7 +16,7 @@ from exosight.mechanics.metric import Metric
 LONGEST = 0.06
 """Longest step along a branch, relative to `Metric.range`."""
 
-ROUGH = 1e-7
+ROUGH = 3e-6
 """Residual of points on the way, where nobody has asked for the equilibrium."""
 
 CONTRACTION = 0.6
@@ -198,12 +198,30 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
         jnp.where(settled, ~like, ~point.stable | hopeless),
         along & jnp.where(on_branch, ~(alike & (rising | turned)), hopeless),
     )
+    ahead = _softer(state, segment, point, dt)
+    ahead = jnp.where(along, ahead * metric.size(anchor.tangent), ahead)
+    corner = jnp.where(failed & ~circling & ~point.stable, ahead, corner)
     at_load = arrived & (state.t >= 1)
     lost = ~at_load & (state.steps + 1 >= problem.max_iterations)
     if not problem.conservative:
         lost = lost | (to_load & failed & (dt < 1e-5))
     passed = good & rising & (state.t >= 1)
     return Verdict(arrived, at_load, lost, failed, passed, good & turned, corner, tangent)
+
+
+def _softer(
+    state: ContinuationState, segment: Segment, point: Point, dt: Float[AnyArray, ""]
+) -> Float[AnyArray, ""]:
+    """How far in t the tangent of the anchor leads to where a contact opens, beyond which nothing holds the pose.
+
+    On the way there ∇Π stays zero along the tangent v, to first order; beyond, it changes by
+    ∇²Π v + ∂∇Π/∂t, both taken at the first trial point.
+    """
+    v = state.anchor.tangent
+    change = v @ (point.here.jacobian @ v + segment.span @ point.here.load_gradient)
+    back = (v @ point.here.gradient) / jnp.where(jnp.abs(change) > 0, change, 1.0)
+    first = (state.tries == 0) & ~state.beyond.known
+    return jnp.where(first & (back > 0) & (back < dt), dt - back, jnp.inf)
 
 
 def _two_cycle(

@@ -121,7 +121,7 @@ def next_trial(
         growth=jnp.where(
             plan.failed,
             jnp.where(plan.at_corner, 2 * MARGIN, 1.0),
-            jnp.where(verdict.arrived, 2.0, state.growth),
+            jnp.where(verdict.arrived, jnp.where(state.growth < 1, 8.0, 2.0), state.growth),
         ),
         previous=jax.tree.map(
             lambda gone, now: jnp.where(begun | (whole < 1), gone, now),
