@@ -10,7 +10,7 @@ from exosight.arrays import AnyArray
 from exosight.mechanics import branch
 from exosight.mechanics.continuation_state import ALONG, TO_LOAD, ContinuationState
 from exosight.mechanics.energy import Evaluation
-from exosight.mechanics.evaluator import Solve
+from exosight.mechanics.evaluator import solve_definite
 from exosight.mechanics.metric import Metric
 
 LONGEST = 0.06
@@ -34,7 +34,6 @@ class Problem(NamedTuple):
     """What stays the same on the whole path; `conservative`: Π exists."""
 
     metric: Metric
-    solve: Solve
     conservative: bool
     tolerance: Float[AnyArray, ""]
     max_iterations: Int[AnyArray, ""]
@@ -131,7 +130,7 @@ def _factorised(
     if not problem.conservative:  # no energy whose minimum it could be: any solution of the equations will do
         return jnp.linalg.solve(matrix, right), jnp.array(1.0)
     if here.coupling is None:
-        solved, definite = problem.solve(matrix, right)
+        solved, definite = solve_definite(matrix, right)
         return solved, jnp.where(definite, 1.0, 0.0)
     # The flow turns away where a real eigenvalue becomes negative.
     lu, pivots = lu_factor(matrix)
@@ -238,7 +237,7 @@ def _two_cycle(
     """
     before, length = state.previous
     bend = before - tangent
-    weighed = metric.matrix @ bend
+    weighed = metric.times(bend)
     back = (weighed @ correction) / jnp.maximum(weighed @ bend, 1e-300)
     circling = (state.tries > 0) & (metric.size(correction) > CONTRACTION * length)
     corner = circling & (place + back > 0) & (back < 0)

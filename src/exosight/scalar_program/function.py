@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
 from exosight.scalar_program import interpreter
@@ -73,6 +74,43 @@ def unroll(function: Callable, arguments: Sequence[Any]) -> Unrolled:
         )
     ]
     return Unrolled(tuple(programs(graph, stages)), tuple(shapes))
+
+
+def call_unrolled(function: Callable, *arguments: Any) -> Any:
+    """The results of a function of arrays, by its program where it has one, else by JAX.
+
+    function    known by its identity: its program is made once for arguments of these shapes
+    arguments   arrays in any structure: numbers, whole numbers and truth values
+    """
+    leaves, structure = jax.tree.flatten(arguments)
+    kinds = tuple((jnp.shape(x), jnp.result_type(x)) for x in leaves)
+    program = _program(function, structure, kinds)
+    if program is None:
+        return function(*arguments)
+    unrolled, results = program
+    found, _ = unrolled(0, None, [jnp.asarray(x, float) for x in leaves])
+    return jax.tree.map(lambda value, like: value.astype(like.dtype), found, results)
+
+
+@lru_cache(maxsize=64)
+def _program(
+    function: Callable, structure: Any, kinds: Sequence[tuple[tuple[int, ...], Any]]
+) -> tuple[Unrolled, Any] | None:
+    """The program of a function of arrays, and what its results look like; None where there is none."""
+
+    def original(leaves: list[Array]) -> Any:
+        given = [x.astype(dtype) for x, (_, dtype) in zip(leaves, kinds, strict=True)]
+        return function(*jax.tree.unflatten(structure, given))
+
+    def in_numbers(leaves: list[Array]) -> tuple[Any]:
+        return (jax.tree.map(lambda x: jnp.asarray(x, float), original(leaves)),)
+
+    numbers = [np.zeros(shape) for shape, _ in kinds]
+    try:
+        return unroll(in_numbers, [numbers]), jax.eval_shape(original, numbers)
+    except Unsupported as e:
+        print("UNS", e, function)
+        return None
 
 
 def _numbers(values: Any) -> list[int]:

@@ -122,6 +122,15 @@ def _scan(graph: Graph, equation: Any, *x: Values) -> list[Values]:
     return [*state, *(np.stack(rows) for rows in zip(*steps, strict=True))]
 
 
+def _remainder(graph: Graph, equation: Any, a: Values, b: Values) -> Values:
+    """a − b trunc(a/b), of the sign of a."""
+
+    def remainder(x: int, y: int) -> int:
+        return graph.sub(x, graph.mul(y, graph.apply(Op.TRUNC, graph.div(x, y))))
+
+    return _each(remainder, a, b)
+
+
 def _power(graph: Graph, equation: Any, x: Values) -> Values:
     exponent = equation.params["y"]
     result = _lift(graph, np.ones(x.shape))
@@ -336,6 +345,7 @@ RULES: dict[str, Callable] = {
     },
     "div": _quotient,
     "square": lambda graph, equation, x: _each(graph.mul, x, x),
+    "rem": _remainder,
     "integer_pow": _power,
     "rsqrt": _inverse_root,
     "sign": _sign,
