@@ -197,7 +197,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
         jnp.where(settled, ~like, ~point.stable | hopeless),
         along & jnp.where(on_branch, ~(alike & (rising | turned)), hopeless),
     )
-    ahead = _softer(state, segment, point, dt)
+    ahead = _opening(state, segment, point, dt)
     ahead = jnp.where(along, ahead * metric.size(anchor.tangent), ahead)
     corner = jnp.where(failed & ~circling & ~point.stable, ahead, corner)
     at_load = arrived & (state.t >= 1)
@@ -208,13 +208,13 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
     return Verdict(arrived, at_load, lost, failed, passed, good & turned, corner, tangent)
 
 
-def _softer(
+def _opening(
     state: ContinuationState, segment: Segment, point: Point, dt: Float[AnyArray, ""]
 ) -> Float[AnyArray, ""]:
-    """How far in t the tangent of the anchor leads to where a contact opens, beyond which nothing holds the pose.
+    """How far in t the anchor's tangent leads to where a contact opens, beyond which nothing holds the pose.
 
-    On the way there ∇Π stays zero along the tangent v, to first order; beyond, it changes by
-    ∇²Π v + ∂∇Π/∂t, both taken at the first trial point.
+    On the way there ∇Π stays zero along the tangent v, to first order; beyond, it changes by ∇²Π v + ∂∇Π/∂t,
+    both as at the first trial point.
     """
     v = state.anchor.tangent
     change = v @ (point.here.jacobian @ v + segment.span @ point.here.load_gradient)

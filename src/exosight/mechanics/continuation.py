@@ -19,13 +19,14 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics import descent
 from exosight.mechanics.acceptance import Point, Problem, Segment, Verdict, judge, linearise
 from exosight.mechanics.branch import Anchor
-from exosight.mechanics.continuation_state import ALONG, DESCEND, SNAPS, ContinuationState, Records
+from exosight.mechanics.continuation_records import Entry, entry_of, recorded
+from exosight.mechanics.continuation_state import ALONG, DESCEND, ContinuationState
 from exosight.mechanics.descent import Descent
 from exosight.mechanics.energy import Evaluation
 from exosight.mechanics.evaluator import Evaluator, Solve
@@ -56,28 +57,20 @@ def stepper(
             jnp.asarray(state.q), jnp.asarray(segment.load(state.t)), state.memories
         )
         seen = evaluator.call(_assessed(robot.conservative), limits, segment, now, there)
+        # Of the descent, and of the point.
         before = state.descent.here
-        kept = jax.tree.map(lambda a, b: jnp.where(seen.accepted, a, b), _matrices(there), _matrices(before))
-        hessian, coupling = jax.tree.map(
-            lambda a, b: jnp.where(state.phase == DESCEND, a, b), kept, _matrices(there)
-        )
-        problem = Problem(limits[0], robot.conservative, *limits[1:])
-        flow, shift = _flow(problem, evaluator.solve, kept[0], seen)
-        free = evaluator.step_fraction(pose, jnp.where(seen.flowing, flow, seen.onwards))
-        now = now._replace(descent=now.descent._replace(here=_slim(before)))
+        kept = _chosen(seen.accepted, _matrices(there), _matrices(before))
+        hessian, coupling = _chosen(state.phase == DESCEND, kept, _matrices(there))
+        flow = _flow(robot.conservative, limits[0], evaluator.solve, kept[0], seen)
+        free = evaluator.step_fraction(pose, jnp.where(seen.flowing, flow.step, seen.onwards))
+        now = now._replace(descent=now.descent._replace(here=_without_matrices(before)))
         now, entry = evaluator.call(
-            _advanced(robot.conservative),
-            limits,
-            segment,
-            now,
-            remembered,
-            seen,
-            Flow(flow, shift, flow @ kept[0] @ flow),
-            free,
+            _advanced(robot.conservative), limits, segment, now, remembered, seen, flow, free
         )
         here = now.descent.here._replace(hessian=kept[0], coupling=kept[1])
-        entry.of_load["hessian"] = hessian if coupling is None else hessian + coupling
-        return now._replace(descent=now.descent._replace(here=here), records=_recorded(state.records, entry))
+        jacobian = hessian if coupling is None else hessian + coupling
+        records = recorded(state.records, entry, jacobian)
+        return now._replace(descent=now.descent._replace(here=here), records=records)
 
     return step
 
@@ -86,8 +79,12 @@ def _matrices(here: Evaluation) -> tuple[AnyArray, AnyArray | None]:
     return here.hessian, here.coupling
 
 
-def _slim(here: Any) -> Any:
-    """Without its matrices, which are not worth moving in and out of programs."""
+def _chosen(first: AnyArray, one: Any, other: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
+
+
+def _without_matrices(here: Any) -> Any:
+    """Moving its matrices in and out of programs would take as long as what is done there."""
     return here._replace(hessian=None, coupling=None)
 
 
@@ -138,9 +135,9 @@ def _assessed(conservative: bool) -> Callable[..., Seen]:
         tangent = point.response @ jnp.where(verdict.at_load, segment.following, segment.span)
         correction = jnp.where(state.phase == ALONG, point.bordered.q, point.newton)
         return Seen(
-            point._replace(here=_slim(point.here)),
+            point._replace(here=_without_matrices(point.here)),
             verdict,
-            moved._replace(here=_slim(moved.here)),
+            moved._replace(here=_without_matrices(moved.here)),
             accepted,
             tangent,
             onwards=jnp.where(verdict.arrived, tangent, correction),
@@ -149,17 +146,6 @@ def _assessed(conservative: bool) -> Callable[..., Seen]:
         )
 
     return assess
-
-
-class Entry(NamedTuple):
-    """What is to be recorded: at load `load` if `done`, and a snap on the way to it if `jumped`."""
-
-    load: Int[AnyArray, ""]
-    snap: Int[AnyArray, ""]
-    done: Bool[AnyArray, ""]
-    jumped: Bool[AnyArray, ""]
-    of_load: dict[str, Any]
-    of_snap: dict[str, Any]
 
 
 @cache
@@ -201,15 +187,19 @@ def _problem(conservative: bool, limits: tuple) -> Problem:
 
 
 def _flow(
-    problem: Problem, solve: Solve, hessian: Float[AnyArray, "dofs dofs"], seen: Seen
-) -> tuple[AnyArray, AnyArray]:
-    """The step of a descent from here, and 1/h of it."""
-    metric, moved, point = problem.metric, seen.moved, seen.point
-    if not problem.conservative:
+    conservative: bool, metric: Metric, solve: Solve, hessian: Float[AnyArray, "dofs dofs"], seen: Seen
+) -> Flow:
+    """How a descent goes on from here."""
+    moved, point = seen.moved, seen.point
+    if conservative:
+        saddle = point.converged & ~point.stable
+        step, shift = descent.direction(
+            moved, metric, solve, hessian, point.newton, point.stable, saddle, seen.wanted
+        )
+    else:
         shortened = jnp.minimum(1.0, moved.radius / jnp.maximum(metric.size(point.newton), 1e-300))
-        return point.newton * shortened, moved.shift
-    saddle = point.converged & ~point.stable
-    return descent.direction(moved, metric, solve, hessian, point.newton, point.stable, saddle, seen.wanted)
+        step, shift = point.newton * shortened, jnp.asarray(moved.shift)
+    return Flow(step, shift, step @ hessian @ step)
 
 
 def _settle(
@@ -239,7 +229,7 @@ def _settle(
         tied=state.tied | (descending & point.converged & ~point.stable),
     )
     reached = jnp.where(at_load, segment.target, segment.load(state.anchor.t))
-    entry = _entry(now, point, at_load, done, reached, jumped, segment.load(state.t))
+    entry = entry_of(now, point, at_load, done, reached, jumped, segment.load(state.t))
     t = jnp.where(at_load, 0.0, state.t)
     small = arrived & descending & state.snap & ~far
     now = now._replace(
@@ -263,51 +253,3 @@ def _settle(
         tied=now.tied & ~done,
     )
     return now, entry
-
-
-def _entry(
-    state: ContinuationState,
-    point: Point,
-    at_load: AnyArray,
-    done: AnyArray,
-    reached: AnyArray,
-    jumped: AnyArray,
-    snap_load: AnyArray,
-) -> Entry:
-    """What to record where the present load is `done`, and of a snap at `snap_load` if the pose has `jumped`."""
-    of_load = {
-        "q": jnp.where(at_load, point.q, state.anchor.q),
-        "energy": point.here.energy,
-        "residual": point.residual,
-        "iterations": state.steps,
-        "converged": at_load,
-        "snapped": state.snapped,
-        "tied": state.tied,
-        "load": reached,
-        "memories": jax.tree.map(
-            lambda new, old: jnp.where(at_load, new, old), state.memories, state.anchor.memories
-        ),
-    }
-    of_snap = {
-        "snap_step": state.load,
-        "snap_load": snap_load,
-        "before": state.anchor.q,
-        "after": point.q,
-        "released": state.start - point.here.energy,
-    }
-    return Entry(jnp.asarray(state.load), jnp.asarray(state.snaps), done, jumped, of_load, of_snap)
-
-
-def _recorded(records: Records, entry: Entry) -> Records:
-    """The records with what is to be recorded."""
-
-    def put(at: AnyArray, wanted: AnyArray) -> Callable[[AnyArray, AnyArray], Array]:
-        return lambda into, value: jnp.asarray(into).at[at].set(jnp.where(wanted, value, into[at]))
-
-    of_load = put(jnp.minimum(entry.load, len(records.q) - 1), entry.done)
-    of_snap = put(jnp.minimum(entry.snap, SNAPS - 1), entry.jumped)
-    new = {
-        name: jax.tree.map(of_load, getattr(records, name), value) for name, value in entry.of_load.items()
-    }
-    new |= {name: of_snap(getattr(records, name), value) for name, value in entry.of_snap.items()}
-    return records._replace(**new)
