@@ -214,8 +214,10 @@ def _opening(
     """How far in t the anchor's tangent leads to where a contact opens, beyond which nothing holds the pose.
 
     On the way there ∇Π stays zero along the tangent v, to first order; beyond, it changes by ∇²Π v + ∂∇Π/∂t,
-    both as at the first trial point.
+    both as at the first trial point. With friction, where points slip is no opening, and nothing is said.
     """
+    if state.memories:
+        return jnp.array(jnp.inf)
     v = state.anchor.tangent
     change = v @ (point.here.jacobian @ v + segment.span @ point.here.load_gradient)
     back = (v @ point.here.gradient) / jnp.where(jnp.abs(change) > 0, change, 1.0)
