@@ -12,9 +12,10 @@ from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
 from exosight.scalar_program import interpreter
+from exosight.scalar_program.cache import kept_programs
 from exosight.scalar_program.graph import Graph, Unsupported
 from exosight.scalar_program.program import Program, Stage, programs
-from exosight.scalar_program.tracing import trace
+from exosight.scalar_program.tracing import values_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,20 +61,23 @@ def unroll(function: Callable, arguments: Sequence[Any]) -> Unrolled:
     """
     if why := interpreter.obstacle():
         raise Unsupported(why)
-    graph = Graph()
     flat, structure = jax.tree.flatten(tuple(arguments))
-    inputs = [np.array(graph.inputs(int(np.prod(np.shape(x)))), dtype=np.int64) for x in flat]
-    inputs = [own.reshape(np.shape(x)) for own, x in zip(inputs, flat, strict=True)]
-    found, shapes = trace(graph, lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), inputs)
-    stages = [
-        Stage(_numbers(given), _numbers(wanted))
-        for given, wanted in zip(
-            jax.tree.unflatten(structure, inputs),
-            jax.tree.unflatten(jax.tree.structure(shapes), found),
-            strict=True,
-        )
+    jaxpr, results = jax.make_jaxpr(
+        lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), return_shape=True
+    )(*(jax.ShapeDtypeStruct(np.shape(x), np.float64) for x in flat))
+    sizes = [
+        (len(jax.tree.leaves(a)), len(jax.tree.leaves(b))) for a, b in zip(arguments, results, strict=True)
     ]
-    return Unrolled(tuple(programs(graph, stages)), tuple(shapes))
+
+    def make() -> list[Program]:
+        graph = Graph()
+        inputs = [np.array(graph.inputs(int(np.prod(np.shape(x)))), dtype=np.int64) for x in flat]
+        inputs = [own.reshape(np.shape(x)) for own, x in zip(inputs, flat, strict=True)]
+        found = jax.tree.unflatten(jax.tree.structure(results), values_of(graph, jaxpr, inputs))
+        given = jax.tree.unflatten(structure, inputs)
+        return programs(graph, [Stage(_numbers(a), _numbers(b)) for a, b in zip(given, found, strict=True)])
+
+    return Unrolled(tuple(kept_programs(jaxpr, sizes, make)), tuple(results))
 
 
 def call_unrolled(function: Callable, *arguments: Any) -> Any:
