@@ -8,7 +8,7 @@ import pytest
 
 SOURCE = Path(__file__).parents[1] / "src" / "exosight"
 ORDER = (
-    *("lie", "scalar_program", "mechanics", "system", "exosuit", "vision", "dataset", "learning"),
+    *("lie", "scalar_program", "mechanics", "system", "exosuit", "vision", "dataset", "rig", "learning"),
     *("evaluation", "control", "environment", "lab", "app"),
 )
 SHARED = {"arrays", "errors", "files", "hdf5", "validation"}

@@ -37,14 +37,15 @@ _DEFLATE = 1032
 
 
 @contextmanager
-def opened(content: BufferedIOBase, name: object, what: str) -> Iterator[h5py.File]:
+def opened(content: BufferedIOBase, name: object, what: str, user_block: int = 0) -> Iterator[h5py.File]:
     """An HDF5 file for reading; whatever is wrong with it meanwhile ends as DataError.
 
-    name   of the file, for messages
-    what   it is expected to be
+    name         of the file, for messages
+    what         it is expected to be
+    user_block   bytes of something else that it may begin with
     """
     try:
-        _check_heaps(content)
+        _check_heaps(content, user_block)
         with h5py.File(content, "r") as file:
             yield file
     except DataError:
@@ -62,13 +63,14 @@ def opened(content: BufferedIOBase, name: object, what: str) -> Iterator[h5py.Fi
         raise DataError(f"{name}: damaged, or not {what} ({error})") from error
 
 
-def _check_heaps(content: BufferedIOBase) -> None:
+def _check_heaps(content: BufferedIOBase, user_block: int) -> None:
     """ValueError for a heap of texts that HDF5 would read without end: each says where the next begins.
 
     Source: HDF5 File Format Specification 3.0, "Global Heap" and "Superblock".
     """
     content.seek(0)
-    head = content.read(15)
+    head = content.read(user_block + 15)
+    head = head if head[:8] == _SIGNATURE[:8] else head[user_block:]
     if head[:8] != _SIGNATURE[:8] or (head[9:11] if head[8] >= 2 else head[13:15]) != b"\x08\x08":
         raise ValueError("no HDF5 file with addresses and lengths of 8 bytes from its first byte on")
     size, at, left = content.seek(0, os.SEEK_END), 0, LARGEST_HEAPS
@@ -192,8 +194,10 @@ def whole_array(
 
 
 def stored_rows(data: h5py.Dataset) -> int:
-    """The rows of an array that its file has room for; one number is one row."""
+    """The rows of an array that its file has room for; one number is one row, rows of none need no room."""
     rows, *row = data.shape or (1,)
+    if 0 in row:
+        return rows
     bytes_stored = min(data.id.get_storage_size(), data.file.id.get_filesize())
     unpacked = bytes_stored * (_DEFLATE if _filters(data) else 1)
     rows = min(rows, unpacked // max(1, math.prod(row) * data.dtype.itemsize))

@@ -8,7 +8,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,7 @@ import pytest
 
 import exosight
 from exosight.app.data import load
-from exosight.app.main import COMMANDS, main
+from exosight.app.main import COMMANDS, command_of, main
 from exosight.app.options import read_options
 from exosight.app.provenance import test_part as part_to_judge
 from exosight.control.estimator import OnnxEstimator
@@ -37,7 +36,7 @@ def started(*words: str, **options) -> subprocess.CompletedProcess[str]:
 
 
 def command(name: str) -> Callable[..., None]:
-    return getattr(import_module(f"exosight.app.commands.{name}"), name)
+    return command_of(name)
 
 
 def contents(folder: Path) -> dict[str, bytes]:

@@ -28,7 +28,7 @@ def model() -> SensorModel:
 
 @pytest.fixture(scope="module")
 def fitted(model: SensorModel) -> OodDetector:
-    return fit_ood_detector(model, pictures(600, 0)[:, None])
+    return fit_ood_detector(model, (pictures(600, 0)[:, None], None))
 
 
 def score(model: SensorModel, fitted: OodDetector, images: np.ndarray) -> np.ndarray:

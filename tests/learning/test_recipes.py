@@ -1,6 +1,7 @@
 import pytest
 import torch
 
+from exosight.learning.config import TrainConfig, resolve
 from exosight.learning.history import EpochRecord
 from exosight.learning.recipes import RECIPES
 
@@ -85,3 +86,11 @@ def test_adamw_without_decay_is_adam():
             (weight**4 - weight).sum().backward()
             optimizer.step()
     assert torch.equal(weights[0], weights[1])
+
+
+def test_a_step_has_fewer_large_images() -> None:
+    batches = [
+        resolve(TrainConfig(), "cpu", "float32", pixels=side**2).batch for side in (64, 128, 256, 512, 1024)
+    ]
+    assert batches == [128, 128, 128, 32, 8]
+    assert resolve(TrainConfig(batch=64), "cpu", "float32", pixels=1024**2).batch == 64

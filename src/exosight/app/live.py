@@ -55,7 +55,7 @@ class Log:
             remedy = step.problem.remedy if step.problem else ""
             change = {"time_s": step.time, "state": step.state.value, "cause": step.cause, "remedy": remedy}
             self._changes.append(change)
-            self._say(f"{step.time:7.1f} s  {step.state.value}: {step.cause}")
+            self._say(f"{step.time:7.1f} s  {self._changed(step)}")
         self._say_remedy(step)
         if int(step.time) > self._told:
             self._told = int(step.time)
@@ -68,7 +68,12 @@ class Log:
         self._told_remedy = step.problem.remedy
         self._say(f"           {step.problem.cause}: {step.problem.remedy}")
 
+    def _changed(self, step: Step) -> str:
+        """In words, a change of the guard's state."""
+        return f"{step.state.value}: {step.cause}"
+
     def _state(self, step: Step) -> str:
+        """In words, what is measured and done."""
         sensor, driven = self._config.controlled, self._config.driven
         value = step.measurement.sum(self._config.weights)
         words = [
@@ -113,8 +118,11 @@ class Log:
 
     def end(self) -> str:
         """How the run ended, and whether it kept the clock."""
-        driven, period = self._config.driven, f"{1e3 * self._config.period:g} ms"
-        words = f"{driven.name} is back at 0 {driven.unit} after {self.steps} steps"
+        driven = self._config.driven
+        return self._on_time(f"{driven.name} is back at 0 {driven.unit} after {self.steps} steps")
+
+    def _on_time(self, words: str) -> str:
+        period = f"{1e3 * self._config.period:g} ms"
         if not self.missed:
             return f"{words}, one in each period of {period}"
         took, longest = 1e3 * np.quantile(self.seconds.sum(axis=1), [0.5, 1.0])
@@ -154,14 +162,14 @@ def timing_table(seconds: np.ndarray, late: np.ndarray) -> Table:
 class LiveRun:
     """What a run in real time is made of.
 
-    system    that is simulated, or stands for the one before the camera
+    system    that is simulated, or stands for the one before the camera; None: it is only observed
     network   that reads the images, and its file
     config    what the controller knows of the system
     target    of each period [the controlled sensor's unit]
     record    new file for all that is seen, estimated and done, if there is to be one
     """
 
-    system: System
+    system: System | None
     network: OnnxEstimator
     model: Path
     config: ControllerConfig
@@ -171,9 +179,10 @@ class LiveRun:
 
 def on_simulation(run: LiveRun, log: Log) -> None:
     """Look at the simulated system, and actuate it."""
+    assert run.system is not None
     guarded = Guarded(Scheduled(run.config))
     device = SimulatedDevice(SimulatedPlant(run.system), run.config)
-    with _written(run, guarded, log) as done, _lets_go(run.config):
+    with written(run, guarded, log) as done, _lets_go(run.config):
         log.missed_at_end = run_live(device, run.network.read, guarded, device, run.target, done)
 
 
@@ -196,18 +205,26 @@ def on_source(run: LiveRun, source: tuple[FrameStream, bool], send: str | None, 
     source   as `opened` gives it
     """
     frames, from_camera = source
-    # A camera has noise: the same picture, bit by bit, for half a second is no picture.
-    still = max(2, round(0.5 / run.config.period)) if from_camera else 0
-    guarded = Guarded(Scheduled(run.config), GuardConfig(frozen_frames=still))
+    guarded = Guarded(
+        Scheduled(run.config), GuardConfig(frozen_frames=frozen_frames(from_camera, run.config.period))
+    )
     with ExitStack() as stack:
-        done = stack.enter_context(_written(run, guarded, log))
+        done = stack.enter_context(written(run, guarded, log))
         stack.enter_context(_lets_go(run.config))
         actuator = stack.enter_context(closing(NoActuator() if send is None else Lines.open(send)))
         log.missed_at_end = run_live(frames, run.network.read, guarded, actuator, run.target, done)
 
 
+def frozen_frames(from_camera: bool, period: float) -> int:
+    """Same frames in a row that are frozen whatever u does, see `GuardConfig`.
+
+    A camera has noise: the same picture, bit by bit, for half a second is no picture.
+    """
+    return max(2, round(0.5 / period)) if from_camera else 0
+
+
 @contextmanager
-def _written(run: LiveRun, guarded: Guarded, log: Log) -> Iterator[Callable[[Step], None]]:
+def written(run: LiveRun, guarded: Guarded, log: Log) -> Iterator[Callable[[Step], None]]:
     """What to do with every step: log it, and record it if there is a file for it."""
     with ExitStack() as stack:
         recorder = None

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from inspect import signature
+from keyword import iskeyword
 
 from exosight import __version__
 from exosight.app.stopping import STOP, stoppable
@@ -21,6 +22,7 @@ COMMANDS = {
     "system": "what is simulated: presets, and files of your own",
     "simulate": "equilibria of one exosuit under given loads",
     "generate": "a dataset of labelled images from simulation",
+    "import": "a dataset from pictures and readings of your own",
     "train": "a network from a dataset",
     "estimate": "contact forces from images",
     "evaluate": "accuracy of a network, beside the paper's",
@@ -105,6 +107,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.exit(1)
 
 
+def command_of(name: str) -> Callable[..., None]:
+    """The function of a command; of one whose name Python keeps for itself it has a _ behind."""
+    word = f"{name}_" if iskeyword(name) else name
+    return getattr(import_module(f"exosight.app.commands.{word}"), word)
+
+
 def _run(arguments: list[str]) -> None:
     name, *options = arguments or ["--help"]
     if name in ("-h", "--help"):
@@ -115,7 +123,7 @@ def _run(arguments: list[str]) -> None:
         # Only now: each command imports what its options need.
         from exosight.app.options import read_options
 
-        command: Callable[..., None] = getattr(import_module(f"exosight.app.commands.{name}"), name)
+        command = command_of(name)
         if "resume" in signature(command).parameters:
             STOP.words = "stopped; the same command with --resume goes on"
         chosen = read_options(command, options)

@@ -25,7 +25,7 @@ def read_options(command: Callable[..., None], options: Sequence[str]) -> Callab
 
     Raises InputError with one sentence for whatever is wrong with the options.
     """
-    prog = f"exosight {command.__name__}"
+    prog = f"exosight {command.__name__.rstrip('_')}"
     if {"-h", "--help"} & set(options):
         options = ["--help"]  # what stands before it would be left out of the usage
     shown, complaint = _Held(sys.stdout), _Held(sys.stderr)

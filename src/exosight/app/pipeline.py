@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float32, Int, UInt8
@@ -31,7 +31,6 @@ from exosight.system.camera import Camera
 
 if TYPE_CHECKING:
     from exosight.learning import Pretrained  # needs PyTorch
-    from exosight.system.designs import DesignSet  # needs JAX
 
 MODEL = "model.onnx"
 """Name of the exported network in a run's folder."""
@@ -57,15 +56,14 @@ def widened(data: Data, split: Split, extra_data: Iterable[Data]) -> tuple[Frame
         if theirs.camera != data.manifest.camera:
             raise InputError("train: expected datasets of one camera, got several; generate them alike")
         if kept_keys is None:
-            designs = _design_set(data.manifest)
             kept = data.frames.design[np.concatenate([split.validation, split.test])]
-            numbers = set(np.unique(kept).tolist())
-            kept_keys = {designs.key(design) for design in data.manifest.designs if design.number in numbers}
-        own = _design_set(theirs)
+            keys = _design_keys(data.manifest)
+            kept_keys = {keys[number] for number in np.unique(kept).tolist()}
+        own = _design_keys(theirs)
         others = [
             design.number
             for design in theirs.designs
-            if own.key(design) not in kept_keys and theirs.families[design.family] != split.held_out
+            if own[design.number] not in kept_keys and theirs.families[design.family] != split.held_out
         ]
         chosen = np.isin(other.frames.design, others)
         if split.held_out and split.edge is not None:
@@ -81,11 +79,14 @@ def widened(data: Data, split: Split, extra_data: Iterable[Data]) -> tuple[Frame
     return frames, replace(split, train=np.concatenate([split.train, added]))
 
 
-def _design_set(manifest: Manifest) -> "DesignSet":
-    """The designs that a dataset was made of."""
+def _design_keys(manifest: Manifest) -> dict[int, Any]:
+    """By its number, what identifies each design of a dataset; of a measured sequence its readings do."""
+    if manifest.measured:
+        return {design.number: design.parameters.get("sha256") for design in manifest.designs}
     from exosight.dataset.designs import config_of, design_set  # needs JAX
 
-    return design_set(config_of(manifest), manifest.description)
+    designs = design_set(config_of(manifest), manifest.description)
+    return {design.number: designs.key(design) for design in manifest.designs}
 
 
 @dataclass(frozen=True)
@@ -120,6 +121,7 @@ def fit(
     group   the processes that train together, see `exosight.learning.parallel`; the first exports
     """
     from exosight.learning import export_onnx, train
+    from exosight.learning.ood import FEW
 
     start = sources.pretrained.card if sources.pretrained else None
     if start:
@@ -145,13 +147,22 @@ def fit(
     )
     if group.first and not (folder / MODEL).exists():
         kept, own = split.validation, data.frames
-        seen = inputs(own.images, stacked_rows(own, config.history)[kept], own.commands[kept], config)
-        export_onnx(folder, folder / MODEL, own.images[kept], own.labels[kept], seen)
+
+        def seen(part: np.ndarray) -> tuple[np.ndarray, ModelInputs]:
+            rows = stacked_rows(own, config.history)[part]
+            return own.images[part], inputs(own.images, rows, own.commands[part], config)
+
+        learned = seen(split.train) if len(kept) < FEW else None
+        images, beside = seen(kept)
+        export_onnx(folder, folder / MODEL, images, own.labels[kept], beside, learned)
     return result.history
 
 
 def training_data(frames: Frames, split: Split, identity: dict[str, str | int | float]) -> TrainingData:
     """Frames as training takes them."""
+    beside = auxiliary_values(frames.schema, frames.sensors, frames.commands)
+    if frames.schema.measured:  # commands that never come near 0 would rule the loss
+        beside = beside - beside[split.train].mean(axis=0)
     return TrainingData(
         schema=frames.schema,
         images=frames.images,
@@ -159,7 +170,7 @@ def training_data(frames: Frames, split: Split, identity: dict[str, str | int | 
         train_index=split.train,
         validation_index=split.validation,
         identity=identity,
-        auxiliary=auxiliary_values(frames.schema, frames.sensors, frames.commands),
+        auxiliary=beside,
         auxiliary_units=auxiliary_units(frames.schema),
         commands=frames.commands,
         previous=previous(frames),

@@ -67,8 +67,9 @@ def run_study(config: StudyConfig, out: Path, *, resume: bool = False) -> Path:
         estimators.append(estimator)
     say("evaluating on degraded images")
     robustness = _robustness(config, estimators[0], data, splits[config.runs[0].protocol].test)
-    loops = _closed_loops(config, estimators[0], data.manifest.camera, folder)
-    surfaces = _surfaces(config, data.manifest.camera, folder)
+    camera = camera_of(estimators[0].card)
+    loops = _closed_loops(config, estimators[0], camera, folder)
+    surfaces = _surfaces(config, camera, folder)
     say("writing the report")
     results = Results(
         config,

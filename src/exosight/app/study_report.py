@@ -73,7 +73,9 @@ def build_report(results: Results, command: str) -> Report:
     command   the command line that makes the study again
     """
     seed = results.config.seed
-    motion = _drive(results.exosuit, results.data.manifest.camera)
+    camera = results.data.manifest.camera
+    assert camera is not None  # a study's data are simulated
+    motion = _drive(results.exosuit, camera)
     schema = motion.system.schema
     path = _path_summary(motion)
     versions = {name: metadata.version(name) for name in ("exosight", "jax", "numpy", "torch", "onnxruntime")}

@@ -12,6 +12,7 @@ paths             the model of a plant that a controller has: paths of readings 
 scheduled         a law with the gains of those paths, and limits on actuation and on every contact
 tuning            those paths from a simulation (needs JAX: `exosight.control.tuning`)
 guard             a state machine that checks every frame: normal, slow, hold, release
+at_rest           a controller that drives nothing, for pictures alone (needs JAX)
 guarded           the loop with that law and guard in it
 sources           frames of a camera, a video, a folder of pictures
 actuators         what carries the command to the plant

@@ -30,7 +30,7 @@ from exosight.control.paths import ControllerConfig, limited
 from exosight.control.scheduled import RELEASED, Scheduled
 from exosight.errors import InputError
 
-_LARGEST = 50.0  # [N or rad]: no estimate is beyond it
+_LARGEST = 50.0  # [N or rad]: no estimate of a simulated sensor is beyond it
 _HISTORY = 64  # actuations remembered, for pictures that come late
 
 _OTHER_NETWORK = "choose another network, one that was trained for this system"
@@ -151,6 +151,8 @@ class Guarded:
 
     def __post_init__(self) -> None:
         self._channel = self.config.schema.channel_index(self.config.channel)
+        measured = [spec.quantity == "measurement" for spec in self.config.schema.estimated]
+        self._largest = np.where(measured, np.inf, _LARGEST)
         self.reset()
 
     @property
@@ -261,7 +263,7 @@ class Guarded:
             return Problem("an estimate of another shape", _OTHER_NETWORK)
         rows = np.concatenate([reading.forces, reading.low, reading.high])
         # NaN fails in each of these.
-        if not (np.abs(rows) <= _LARGEST).all() or not (rows[1] <= rows[2]).all():
+        if not (np.abs(rows) <= self._largest).all() or not (rows[1] <= rows[2]).all():
             return Problem("an estimate that is no valid reading", _OTHER_NETWORK)
         if not reading.ood_score[0] <= 1:
             return Problem(f"an out-of-distribution image, score {_score(reading)}", _SHOW)

@@ -4,7 +4,6 @@ A source is any iterator of frames, so a generator of one's own is one too. It y
 time it is asked, or None if there is none, and ends when no more will come.
 """
 
-import os
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
@@ -19,21 +18,11 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import DataError, InputError
-from exosight.files import open_file
-from exosight.vision.pictures import LARGEST_PICTURE, Crop, cropped, middle_of, read_gray
-
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # else FFmpeg prints its complaints to stderr
+from exosight.vision.capture import open_camera, open_video, unreadable
+from exosight.vision.pictures import ENDINGS, Crop, cropped, middle_of, natural_order, read_gray
 
 GIVEN_UP = 5.0
 """Time without a frame after which a camera is given up [s]; the guard has released long before."""
-
-PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
-"""Names of picture files end so."""
-
-
-VIDEOS = ((0, b"RIFF"), (4, b"ftyp"), (0, b"\x1a\x45\xdf\xa3"))
-"""What a video file holds at which byte: AVI; MP4 and MOV; Matroska and WebM. Nothing else is opened: FFmpeg
-also takes playlists, which lead to other files and hosts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,15 +87,16 @@ def pictures(
     crop: Crop | None = None,
     unread: Callable[[str], None] = lambda fault: None,
 ) -> FrameStream:
-    """The pictures of a folder in the order of their names, one each time.
+    """The pictures of a folder in the order of their names (img_9 before img_10), one each time.
 
     In place of one that cannot be read there is no frame, and `unread` is called with the reason.
 
     Raises DataError if there are none, or if the first cannot be read.
     """
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
+    found = (path for path in folder.iterdir() if path.suffix.lower() in ENDINGS)
+    files = sorted(found, key=lambda path: natural_order(path.name))
     if not files:
-        raise DataError(f"{folder}: no pictures in it; expected files that end in {', '.join(PICTURES)}")
+        raise DataError(f"{folder}: no pictures in it; expected files that end in {', '.join(ENDINGS)}")
     read_gray(files[0], width, height, crop)
 
     def frames() -> FrameStream:
@@ -125,21 +115,10 @@ def video(path: Path, width: int, height: int, crop: Crop | None = None) -> Fram
 
     Raises DataError if it cannot be read, or if its pictures are too large.
     """
-    complaint = f"{path}: not a video that can be read; give an MP4, MOV, AVI, MKV or WebM file"
-    with open_file(path, "expected a video") as file:
-        beginning = file.read(16)
-    if not any(beginning[at:].startswith(mark) for at, mark in VIDEOS):
-        raise DataError(complaint)
-    capture = _opened(str(path), complaint)
-    columns, rows = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    if columns * rows > LARGEST_PICTURE:
-        raise DataError(
-            f"{path}: {columns}×{rows} pixels, up to {LARGEST_PICTURE // 10**6} million are read; "
-            "make it smaller"
-        )
+    capture = open_video(path)
     taken, picture = capture.read()
     if not taken:
-        raise DataError(complaint)
+        raise DataError(unreadable(path))
     fit = partial(fitted, width=width, height=height, crop=crop, name=str(path))
     fit(picture)
     return _frames(capture, picture, fit)
@@ -162,7 +141,7 @@ def camera(number: int, width: int, height: int, crop: Crop | None = None) -> Fr
 
     Raises DataError if there is no such camera, or if it gives no frame for 5 s.
     """
-    capture = _opened(
+    capture = open_camera(
         number, f"camera {number}: cannot be opened; is it connected, and used by no other program?"
     )
     fit = partial(fitted, width=width, height=height, crop=crop, name=f"camera {number}")
@@ -207,22 +186,6 @@ def _grabbing(capture: Any) -> Iterator[list[tuple[np.ndarray, float]]]:
         thread.join(timeout=2)
         if not thread.is_alive():  # a driver that hangs in `read` must not be taken away from under it
             capture.release()
-
-
-def _opened(what: str | int, complaint: str) -> Any:
-    """An OpenCV capture; DataError with this complaint if there is nothing to capture."""
-    log = cv2.utils.logging
-    level = log.getLogLevel()
-    log.setLogLevel(log.LOG_LEVEL_SILENT)  # it would report every backend that it tries
-    try:
-        # OpenCV's own readers, tried after FFmpeg, take a name as a pattern and print their complaints.
-        backend = cv2.CAP_FFMPEG if isinstance(what, str) else cv2.CAP_ANY
-        capture = cv2.VideoCapture(what, backend)
-    finally:
-        log.setLogLevel(level)
-    if not capture.isOpened():
-        raise DataError(complaint)
-    return capture
 
 
 def fitted(picture: np.ndarray, width: int, height: int, crop: Crop | None, name: str) -> np.ndarray:

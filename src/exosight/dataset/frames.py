@@ -1,4 +1,8 @@
-"""Labelled images in memory: one array a quantity, one row a frame."""
+"""Labelled images in memory: one array a quantity, one row a frame.
+
+Measured frames have no pose and perhaps no commands, and what is a design of simulated ones is a sequence of
+theirs: pictures taken one after the other.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -118,7 +122,12 @@ def previous(frames: Frames) -> Int64[np.ndarray, " frames"]:
 
 
 def direction(frames: Frames, channel: int = 0) -> Int8[np.ndarray, " frames"]:
-    """+1 up to the first largest command of a channel on the path of each design, −1 after it."""
+    """+1 up to the first largest command of a channel on the path of each design, −1 after it.
+
+    0 where the system has no channel.
+    """
+    if not frames.schema.channels:
+        return np.zeros(len(frames), np.int8)
     found = np.ones(len(frames), np.int8)
     size = np.abs(frames.commands[:, channel])
     for number in np.unique(frames.design):

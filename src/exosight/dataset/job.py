@@ -11,10 +11,10 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Protocol, runtime_checkable
 
 from pydantic import Field, JsonValue, TypeAdapter, ValidationError
 from pydantic.dataclasses import dataclass
@@ -30,6 +30,21 @@ from exosight.validation import CONFIG, first_difference
 LOCK = ".lock"
 LARGEST_RECORD = 2**20  # [bytes]; a record takes under 1 KiB
 LARGEST_JOB = 2**23  # [bytes]; that of the largest system file takes under 4 MiB
+
+
+@runtime_checkable
+class Job(Protocol):
+    """What a folder is to hold: a pydantic dataclass of all that decides what its chunks hold."""
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Why frames may be left out."""
+        ...
+
+    @property
+    def exosight_version(self) -> str:
+        """Version of the package that makes it."""
+        ...
 
 
 @dataclass(frozen=True, config=CONFIG)
@@ -65,7 +80,7 @@ class ChunkRecord:
     """Place of the chunk in the dataset."""
     entry: ChunkEntry | None
     """Its file, or None if every frame was dropped."""
-    dofs: Annotated[int, Field(ge=1, le=10_000)]
+    dofs: Annotated[int, Field(ge=0, le=10_000)]
     """Generalised coordinates of a pose."""
     kept: tuple[Count, ...]
     """Frames kept of each scenario."""
@@ -76,13 +91,13 @@ class ChunkRecord:
 _JOB, _RECORD = TypeAdapter(GenerationJob), TypeAdapter(ChunkRecord)
 
 
-def identity(job: GenerationJob) -> str:
+def identity(job: Job) -> str:
     """Identifies a job: the checksum of all that decides what its chunks hold."""
-    return hashlib.sha256(_to_text(_JOB, job)).hexdigest()
+    return hashlib.sha256(_to_text(job)).hexdigest()
 
 
 @contextmanager
-def opened(folder: Path, job: GenerationJob, *, resume: bool) -> Iterator[None]:
+def opened(folder: Path, job: Job, *, resume: bool) -> Iterator[None]:
     """The folder of this job, new or resumed, which no other process opens meanwhile.
 
     Raises DataError if the folder is in use, holds something else or cannot be made or written, InputError
@@ -102,13 +117,13 @@ def opened(folder: Path, job: GenerationJob, *, resume: bool) -> Iterator[None]:
         if (folder / JOB).exists():
             _check_same(folder / JOB, job)
         else:
-            write_new_file(folder / JOB, _to_text(_JOB, job))
+            write_new_file(folder / JOB, _to_text(job))
         for part in folder.glob(".*.part"):  # what a killed process was writing
             part.unlink(missing_ok=True)
         yield
 
 
-def finished(folder: Path, job: GenerationJob, number: int, designs: range) -> ChunkRecord | None:
+def finished(folder: Path, job: Job, number: int, designs: Iterable[int]) -> ChunkRecord | None:
     """The record of a chunk of this job if its file is whole, else None."""
     path = folder / _record_name(number)
     try:
@@ -138,7 +153,7 @@ def stored_description(folder: Path, system: str) -> dict[str, JsonValue] | None
 
 def write_record(folder: Path, record: ChunkRecord) -> None:
     """Say that a chunk is whole, after its file."""
-    replace_file(folder / _record_name(record.number), _to_text(_RECORD, record))
+    replace_file(folder / _record_name(record.number), _to_text(record))
 
 
 @contextmanager
@@ -164,7 +179,7 @@ def _locked(folder: Path) -> Iterator[None]:
         os.close(lock)
 
 
-def _check_same(path: Path, job: GenerationJob) -> None:
+def _check_same(path: Path, job: Job) -> None:
     """Raise unless a job's file says what this job is."""
     content = read_file(path, LARGEST_JOB, "it is not the file of a job; name a new folder")
     try:
@@ -173,7 +188,7 @@ def _check_same(path: Path, job: GenerationJob) -> None:
         found = None
     if not isinstance(found, dict) or "exosight_version" not in found:
         raise DataError(f"{path}: damaged, it is not the file of a job; name a new folder")
-    wanted = json.loads(_to_text(_JOB, job))
+    wanted = json.loads(_to_text(job))
     for key in ("exosight_version", "format"):
         if found.get(key) != wanted[key]:
             raise InputError(
@@ -198,5 +213,5 @@ def _record_name(number: int) -> str:
     return chunk_name(number).replace(".h5", ".json")
 
 
-def _to_text(adapter: TypeAdapter, values: GenerationJob | ChunkRecord) -> bytes:
-    return json.dumps(adapter.dump_python(values, mode="json"), indent=1).encode() + b"\n"
+def _to_text(values: Any) -> bytes:
+    return json.dumps(TypeAdapter(type(values)).dump_python(values, mode="json"), indent=1).encode() + b"\n"

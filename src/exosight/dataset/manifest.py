@@ -57,19 +57,19 @@ class Manifest:
     exosight_version: str
     """Version of the package that wrote it."""
     seed: Annotated[int, Field(ge=0)]
-    """Seed of everything random in it."""
+    """Seed of everything random in it; of measured frames, a number that follows from their readings."""
     config: dict[str, JsonValue]
-    """The configuration that makes it again."""
+    """The configuration that makes it again, of `exosight generate` or `exosight import`."""
     system: SystemName
     """Name of the system."""
     schema: Schema
     """Names, units and ranges of its channels, sensors and cameras."""
     description: dict[str, JsonValue] | None
-    """Entries of its system file; None: a preset of this package."""
-    camera: Camera
-    """Camera of every image: the first of the schema."""
-    dofs: Annotated[int, Field(ge=1, le=10_000)]
-    """Generalised coordinates of a pose."""
+    """Entries of its system file; None: a preset of this package, or a system that was measured."""
+    camera: Camera | None
+    """Camera of every image: the first of the schema; None: a real one, of which only the size is known."""
+    dofs: Annotated[int, Field(ge=0, le=10_000)]
+    """Generalised coordinates of a pose; 0 where poses are unknown."""
     families: tuple[str, ...]
     """Names that the frames' `family` counts, from 0."""
     scenarios: tuple[str, ...]
@@ -77,11 +77,16 @@ class Manifest:
     quantities: dict[str, dict[str, str]]
     """Type, unit and meaning of every array."""
     designs: tuple[Design, ...]
-    """Every design asked for."""
+    """Every design asked for; of measured frames, every sequence."""
     chunks: tuple[ChunkEntry, ...]
     """The files with the frames."""
     dropped: dict[str, Count]
     """Frames left out, by cause."""
+
+    @property
+    def measured(self) -> bool:
+        """Whether pictures and readings are of a real system."""
+        return self.camera is None
 
     @property
     def frames(self) -> int:
@@ -171,7 +176,7 @@ def read_manifest(folder: Path) -> Manifest:
         if (folder / JOB).exists() or any(folder.glob("chunk_*.h5")):
             raise DataError(
                 f"{folder}: incomplete dataset, it has no {MANIFEST}; "
-                "go on with it: exosight generate --resume with the same options"
+                "go on with it: the command that began it, with the same options and --resume"
             )
         raise DataError(f"{folder}: not a dataset, it has no {MANIFEST}")
     content = read_file(path, LARGEST_MANIFEST, "expected a dataset's manifest")
@@ -202,7 +207,7 @@ def check_size(path: Path, chunk: ChunkEntry) -> None:
 
 def _find_contradiction(manifest: Manifest) -> str | None:
     camera, view = manifest.camera, manifest.schema.cameras[0]
-    if (camera.width, camera.height) != (view.width, view.height):
+    if camera and (camera.width, camera.height) != (view.width, view.height):
         return f"its camera is not that of its schema, {view.width}×{view.height} pixels"
     if manifest.system != manifest.schema.system:
         return f"its system {manifest.system} is not that of its schema, {manifest.schema.system}"

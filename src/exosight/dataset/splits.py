@@ -123,7 +123,8 @@ def _divide_designs(
     needed = round(1 / min(shares))
     if len(designs) < needed:
         raise InputError(
-            f"split: expected at least {needed} designs to divide, got {len(designs)}; generate more designs"
+            f"split: expected at least {needed} designs to divide, got {len(designs)}; generate more, or "
+            "import more sequences"
         )
     rng = np.random.default_rng(seed)
     groups = [designs[scenario[first] == each] for each in rng.permutation(np.unique(scenario[first]))]

@@ -25,7 +25,7 @@ NEIGHBOURS = 4
 def evaluate_baselines(frames: Frames, split: Split, manifest: Manifest) -> dict[str, Scores]:
     """Score baselines on the test part, each made from the training part alone.
 
-    mean of training   the mean training labels, always
+    mean of training   the mean training labels, always; alone where the system has no channel
     u only             of one channel u: the mean training labels at this command, interpolated in bins of
                        a 40th of its peak; it knows whether the command rises or falls, which no single image
                        shows. Of several ("commands only"): the mean of the four training frames whose
@@ -38,10 +38,10 @@ def evaluate_baselines(frames: Frames, split: Split, manifest: Manifest) -> dict
     known = _labels(frames)
     train, test = known.pick(split.train), known.pick(split.test)
     answers = {"mean of training": np.tile(train.labels.mean(axis=0), (len(split.test), 1))}
-    channel, *further = schema.channels
-    if further:
+    if len(schema.channels) > 1:
         answers["commands only"] = _nearest(train, test)
-    else:
+    elif schema.channels:
+        channel = schema.channels[0]
         answers[f"{channel.name} only"] = _along(_binned(train, abs(channel.peak) / BINS), test)
         of_shape = is_published(schema)
         sizes = {design.number: _sizes(design, of_shape) for design in manifest.designs}

@@ -155,7 +155,7 @@ def _detail(
     direction: Int8[np.ndarray, " frames"],
     r_limits: tuple[float, float],
 ) -> Detail:
-    is_force = sensor.quantity != "joint angle"
+    is_force = not sensor.signed
     error = estimated.astype(np.float64) - true
     variance = float(np.var(true.astype(np.float64)))
     return Detail(

@@ -5,11 +5,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import UInt8
 
-from exosight.control import Guarded, Measurement, Scheduled
+from exosight.control import Measurement
+from exosight.control.at_rest import observer
 from exosight.control.estimator import Reading
-from exosight.control.loop import RATE
-from exosight.control.paths import ControllerConfig, ForcePath
-from exosight.control.tuning import default_limits, default_rate
 from exosight.system.schema import Schema
 
 
@@ -32,30 +30,8 @@ def judge(image: UInt8[np.ndarray, "height width"], reading: Reading, schema: Sc
 
     Its limits are those by default; no law acts, so the paths it knows are flat.
     """
-    guarded = Guarded(Scheduled(_at_rest(schema)))
+    guarded = observer(schema)
     for _ in range(guarded.guard.bad_frames):
         guarded.step(0.0, Measurement(image, reading))
     cause = guarded.log[-1].cause if guarded.log else "picture and estimate can be trusted"
     return {"state": guarded.state.value, "cause": cause}
-
-
-def _at_rest(schema: Schema) -> ControllerConfig:
-    """Limits by default, and paths on which nothing is sensed."""
-    channel, outputs = schema.channels[0], len(schema.outputs)
-
-    def flat(*u: float) -> ForcePath:
-        none = np.zeros(len(u))
-        return ForcePath(np.array(u), np.zeros((len(u), outputs)), none, none.astype(bool))
-
-    return ControllerConfig(
-        schema=schema,
-        sensor=schema.controlled,
-        channel=channel.name,
-        loading=flat(0.0, abs(channel.peak)),
-        unloading=flat(abs(channel.peak), 0.0),
-        output_limits=default_limits(schema),
-        rate=default_rate(channel),
-        period=1 / RATE,
-        smallest_gain=1.0,
-        largest_gain=1.0,
-    )

@@ -5,7 +5,7 @@ from typing import Any
 from exosight.control.estimator import OnnxEstimator
 from exosight.lab.estimates import judge, reading_of
 from exosight.lab.pictures import png_of, png_text
-from exosight.vision.pictures import decode_gray, decode_whole
+from exosight.vision.pictures import decode, decode_gray
 
 LARGEST_UPLOAD = 8 * 2**20
 """[bytes]"""
@@ -13,7 +13,7 @@ LARGEST_UPLOAD = 8 * 2**20
 
 def as_png(data: bytes) -> bytes:
     """An uploaded picture of a kind that browsers do not show, gray, as a PNG file."""
-    return png_of(decode_whole(data, "picture"))
+    return png_of(decode(data, "picture").gray)
 
 
 def estimate(data: bytes, network: OnnxEstimator) -> dict[str, Any]:

@@ -51,6 +51,13 @@ class RunIdentity:
     """what one unit of each output stands for [the sensor's unit]"""
     auxiliary_scale: tuple[float, ...]
     """what one unit of each auxiliary output stands for"""
+    output_offset: tuple[float, ...] = ()
+    """what an output of 0 stands for [the sensor's unit]; empty: 0"""
+
+    @property
+    def offset(self) -> Tensor | None:
+        """What an output of 0 stands for [the sensor's unit], on the CPU; None: 0."""
+        return torch.tensor(self.output_offset, dtype=torch.float32) if self.output_offset else None
 
     def build_network(self) -> Network:
         """The network with its first weights."""
@@ -175,7 +182,7 @@ def load_model(source: Path) -> SensorModel:
     network = run.build_network()
     network.load_state_dict(_part(checkpoint.tensors, "best."))
     scale = torch.tensor(run.output_scale, dtype=torch.float32)
-    return SensorModel(network, scale, nonnegative(run.schema)).eval()
+    return SensorModel(network, scale, nonnegative(run.schema), run.offset).eval()
 
 
 def collect_tensors(
@@ -228,6 +235,8 @@ def _contradiction(checkpoint: Checkpoint) -> str | None:
         return "its system has no sensor to estimate"
     if len(run.output_scale) != len(run.schema.outputs) or not _are_scales(run.output_scale):
         return f"output_scale is {run.output_scale}"
+    if len(run.output_offset) not in (0, len(run.schema.outputs)) or not _are_offsets(run.output_offset):
+        return f"output_offset is {run.output_offset}"
     if len(run.auxiliary_scale) > 1000 or not _are_scales(run.auxiliary_scale):
         return f"auxiliary_scale is {run.auxiliary_scale[:3]}, …"
     if [record.epoch for record in history] != list(range(1, position.epoch + 1)):
@@ -259,6 +268,10 @@ def _contradiction(checkpoint: Checkpoint) -> str | None:
 def _are_scales(scales: tuple[float, ...]) -> bool:
     """Whether single precision holds them and their products with answers."""
     return all(1e-20 <= x <= 1e20 for x in scales)
+
+
+def _are_offsets(offsets: tuple[float, ...]) -> bool:
+    return all(-1e20 <= x <= 1e20 for x in offsets)
 
 
 def _part(tensors: Mapping[str, Tensor], prefix: str) -> dict[str, Tensor]:

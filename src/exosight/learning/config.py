@@ -17,6 +17,9 @@ Precision = Literal["float32", "bfloat16"]
 LONGEST_HISTORY = 8
 """Earlier images that a network may see at most."""
 
+LARGE = 256**2
+"""Pixels of an image from which on a step has fewer of them by default."""
+
 PRETRAINED_SHARE = 1 / 3
 """Share of the recipe's learning rate for a network that does not start from random weights: what is known is
 lost again at a high rate (docs/log.md)."""
@@ -45,7 +48,7 @@ class TrainConfig:
     learning_rate: LearningRate | None = None
     """largest learning rate; default: the recipe's, a third of it with --pretrained"""
     batch: Batch | None = None
-    """images a step; default: the recipe's"""
+    """images a step; default: the recipe's, fewer of more than 256×256 pixels"""
     seed: Seed = 0
     """decides the first weights and the order of the images"""
     history: History = 0
@@ -86,12 +89,14 @@ def resolve(
     precision: Precision,
     local_size: int = 1,
     pretrained: str = "",
+    pixels: int = 0,
 ) -> Settings:
     """Spell out the defaults.
 
     device, precision   what `auto` means on this machine, as PyTorch reports
     local_size          processes that share the cores of this machine, itself included
     pretrained          SHA-256 of the network to start from, if there is one
+    pixels              of an image: of large ones a step has fewer by default
 
     Raises InputError if the paper's network is to have more inputs than the image.
     """
@@ -107,7 +112,7 @@ def resolve(
         recipe=recipe,
         epochs=config.epochs or RECIPES[recipe].epochs,
         learning_rate=config.learning_rate or share * RECIPES[recipe].learning_rate,
-        batch=config.batch or RECIPES[recipe].batch,
+        batch=config.batch or _batch(RECIPES[recipe].batch, pixels),
         seed=config.seed,
         threads=config.threads or max(1, cores() // local_size),
         device=device,
@@ -116,3 +121,8 @@ def resolve(
         actuation=config.actuation,
         pretrained=pretrained,
     )
+
+
+def _batch(images: int, pixels: int) -> int:
+    """The recipe's, or as many as take the memory of that number at 256×256 pixels: with 128, about 2 GiB."""
+    return min(images, max(4, images * LARGE // max(pixels, 1)))

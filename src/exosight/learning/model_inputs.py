@@ -32,7 +32,7 @@ def command_change(
     schema: Schema, before: Float[np.ndarray, "*batch channels"], after: Float[np.ndarray, "*batch channels"]
 ) -> Float[np.ndarray, "*batch"]:
     """How far commands have moved: the largest change of a channel, in quarters of its peak."""
-    return np.asarray(np.max(np.abs(after - before) / command_scale(schema), axis=-1))
+    return np.asarray(np.max(np.abs(after - before) / command_scale(schema), axis=-1, initial=0.0))
 
 
 def check_inputs(images: np.ndarray, inputs: ModelInputs, history: int, channels: Sequence[Channel]) -> None:

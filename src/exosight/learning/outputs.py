@@ -8,7 +8,7 @@ from exosight.system.schema import Schema
 
 def nonnegative(schema: Schema) -> Bool[np.ndarray, " outputs"]:
     """Which outputs are magnitudes of forces: never below 0, and 0 where there is no contact."""
-    return np.array([sensor.quantity != "joint angle" for sensor in schema.estimated], dtype=bool)
+    return np.array([not sensor.signed for sensor in schema.estimated], dtype=bool)
 
 
 def auxiliary_units(schema: Schema) -> tuple[str, ...]:

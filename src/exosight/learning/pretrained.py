@@ -23,7 +23,7 @@ from exosight.learning.networks import Network, answer_slices
 from exosight.system.schema import difference
 
 _PREFIX = "model.network."
-_SCALE = "model.scale"
+_SCALE, _OFFSET = "model.scale", "model.offset"
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,8 @@ class Pretrained:
     """by the name of the layer in `Network`; a convolution's bias is that of its normalisation as well"""
     scale: Float[Tensor, " outputs"]
     """what one unit of each output stands for [the sensor's unit]"""
+    offset: Float[Tensor, " outputs"]
+    """what an output of 0 stands for [the sensor's unit]"""
 
 
 def load_pretrained(path: Path) -> Pretrained:
@@ -57,8 +59,9 @@ def load_pretrained(path: Path) -> Pretrained:
         if len(node.input) > 2:
             weights[f"{layer}.bias"] = arrays.get(node.input[2], np.full(1, np.nan))
     scale = arrays.get(_SCALE, np.full(1, np.nan))
-    if scale.shape != (len(card.schema.outputs),) or not all(
-        x.dtype == np.float32 and np.isfinite(x).all() for x in [scale, *weights.values()]
+    offset = arrays.get(_OFFSET, np.zeros(len(card.schema.outputs), np.float32))
+    if not scale.shape == offset.shape == (len(card.schema.outputs),) or not all(
+        x.dtype == np.float32 and np.isfinite(x).all() for x in [scale, offset, *weights.values()]
     ):
         raise DataError(f"{path}: its weights are not those of an estimator of exosight; export it again")
     return Pretrained(
@@ -66,6 +69,7 @@ def load_pretrained(path: Path) -> Pretrained:
         sealed(data),
         {name: torch.from_numpy(array.copy()) for name, array in weights.items()},
         torch.from_numpy(scale.copy()),
+        torch.from_numpy(offset.copy()),
     )
 
 
@@ -119,7 +123,9 @@ def first_weights(
         network.get_submodule(norm).register_forward_pre_hook(_normalise)
     with torch.no_grad():
         network(images, commands)
-        _rescale(network, pretrained.scale / torch.tensor(identity.output_scale))
+        scale = torch.tensor(identity.output_scale)
+        own = torch.zeros_like(scale) if identity.offset is None else identity.offset
+        _rescale(network, pretrained.scale / scale, (pretrained.offset - own) / scale)
     return {name: tensor.detach().clone() for name, tensor in network.state_dict().items()}
 
 
@@ -143,10 +149,10 @@ def _normalise(layer: nn.Module, arguments: tuple[Tensor]) -> None:
     layer.running_var.copy_(variance)
 
 
-def _rescale(network: Network, ratio: Float[Tensor, " outputs"]) -> None:
-    """Give answers in units of another scale: values and, as logarithms, the errors to be expected."""
+def _rescale(network: Network, ratio: Float[Tensor, " outputs"], shift: Float[Tensor, " outputs"]) -> None:
+    """Give answers in units of another scale: values, shifted, and the logarithms of expected errors."""
     last, (values, log_spread, _) = network.last, answer_slices(network.outputs)
     last.weight[values].mul_(ratio[:, None])
-    last.bias[values].mul_(ratio)
+    last.bias[values].mul_(ratio).add_(shift)
     if last.out_features > network.outputs:
         last.bias[log_spread].add_(ratio.log())

@@ -55,6 +55,8 @@ class Run:
         # Channels last: a step takes 60 to 90 % of the time that it takes otherwise.
         self.network = network.to(memory_format=torch.channels_last).to(settings.device)  # pyright: ignore[reportCallIssue]
         self.scale = torch.tensor(identity.output_scale, dtype=torch.float32, device=settings.device)
+        offset = identity.offset
+        self.offset = (torch.zeros_like(self.scale) if offset is None else offset).to(settings.device)
         self.auxiliary_scale = torch.tensor(
             identity.auxiliary_scale, dtype=torch.float32, device=settings.device
         )

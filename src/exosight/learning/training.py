@@ -42,6 +42,7 @@ from exosight.learning.training_data import (
     check_training_data,
     epoch_batches,
     fingerprint,
+    offset_of,
     scale_of,
     stacks,
 )
@@ -102,7 +103,8 @@ def train(
     """
     device = choose_device(config.device)
     first = pretrained.sha256 if pretrained else ""
-    settings = resolve(config, device, choose_precision(device), group.local_size, first)
+    pixels = math.prod(data.schema.image_size)
+    settings = resolve(config, device, choose_precision(device), group.local_size, first, pixels)
     data = _needed(data, settings)
     check_training_data(data)
     _check_slices(len(data.train_index), settings.batch, group)
@@ -138,6 +140,7 @@ def _identity(data: TrainingData, settings: Settings) -> RunIdentity:
     own = (
         scale_of(data.labels[index], [sensor.unit for sensor in sensors]) if scales else np.ones(len(sensors))
     )
+    offset = offset_of(data.labels[index], data.schema) if scales else ()
     beside = () if data.auxiliary is None else scale_of(data.auxiliary[index], data.auxiliary_units).tolist()
     return RunIdentity(
         settings=settings,
@@ -145,6 +148,7 @@ def _identity(data: TrainingData, settings: Settings) -> RunIdentity:
         fingerprint=fingerprint(data),
         schema=data.schema,
         output_scale=tuple(own.tolist()),
+        output_offset=offset,
         auxiliary_scale=tuple(beside),
     )
 
@@ -265,7 +269,7 @@ def _step(
         output = run.network(*_tensors(images, frames.commands, chosen, settings.device))
     losses = training_loss(
         answers(output.float(), run.network.outputs),
-        torch.from_numpy(frames.labels[chosen]).to(settings.device) / run.scale,
+        (torch.from_numpy(frames.labels[chosen]).to(settings.device) - run.offset) / run.scale,
         torch.from_numpy(frames.auxiliary[chosen]).to(settings.device) / run.auxiliary_scale,
         nonnegative(run.identity.schema),
         run.recipe.smooth_l1_beta,
@@ -297,7 +301,8 @@ def _validate(run: Run, data: TrainingData) -> tuple[float, float]:
     """The recipe's loss and the mean absolute error [the outputs' units] as they would be in use."""
     # On CPUs the statistics of batch normalisation differ between the processes.
     broadcast(run.group, (tensor for tensor in run.average.values() if tensor.is_floating_point()))
-    model = SensorModel(run.averaged(), run.scale, nonnegative(run.identity.schema)).eval()
+    offset = run.offset if run.identity.output_offset else None
+    model = SensorModel(run.averaged(), run.scale, nonnegative(run.identity.schema), offset).eval()
     settings, index = run.identity.settings, data.validation_index
     seen = stacks(data.previous, settings.history, len(data.images))
     totals = torch.zeros(2, dtype=torch.float64)

@@ -156,6 +156,17 @@ def scale_of(values: Float32[np.ndarray, "frames n"], units: Sequence[str]) -> F
     return deviation
 
 
+def offset_of(values: Float32[np.ndarray, "frames outputs"], schema: Schema) -> tuple[float, ...]:
+    """Mean of each output that is a measurement and 0 for the others; empty if none is.
+
+    What is simulated begins at 0; an instrument may read 101 kPa ± 1 kPa, a hundred scales from there, which
+    is too far for the steps of an optimiser.
+    """
+    measured = [sensor.quantity == "measurement" for sensor in schema.estimated]
+    means = np.where(measured, values.mean(axis=0, dtype=np.float64), 0.0)
+    return tuple(means.tolist()) if any(measured) else ()
+
+
 def epoch_batches(
     index: Integer[np.ndarray, " n"], batch: int, seed: int, epoch: int
 ) -> list[Int64[np.ndarray, " step"]]:

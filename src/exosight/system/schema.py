@@ -21,7 +21,10 @@ from exosight.validation import CONFIG, Name, SystemName, check_name, check_uniq
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Unit = Annotated[str, Field(max_length=16, pattern=r"^[A-Za-zµ°%Ω][A-Za-z0-9µ°%Ω/^ .-]*$")]
-Quantity = Literal["contact force", "net force", "joint angle", "force per length", "centre of pressure"]
+Quantity = Literal[
+    "contact force", "net force", "joint angle", "force per length", "centre of pressure", "measurement"
+]
+"""A `measurement` is what an instrument read, of any unit and either sign; no simulation gives one."""
 Component = Literal["magnitude", "normal", "tangential"]
 
 
@@ -75,6 +78,11 @@ class SensorSpec:
     component: Component = "magnitude"
     """Of a contact force or a force per length: of all of it, or of its normal or tangential part."""
 
+    @property
+    def signed(self) -> bool:
+        """Whether it may be below 0; what may not is 0 where there is no contact."""
+        return self.quantity in ("joint angle", "measurement")
+
 
 @dataclass(frozen=True, config=CONFIG)
 class ViewSpec:
@@ -92,12 +100,14 @@ class ViewSpec:
 class Schema:
     """Names, units and ranges of everything that goes into a system and comes out of it.
 
+    A system of which only readings and pictures are known may have no channel.
+
     Raises a validation error if a name is used twice, or a sum names a sensor that does not come before it,
     has another unit or is counted twice.
     """
 
     system: SystemName
-    channels: Annotated[tuple[Channel, ...], Field(min_length=1, max_length=64)]
+    channels: Annotated[tuple[Channel, ...], Field(max_length=64)]
     sensors: Annotated[tuple[SensorSpec, ...], Field(min_length=1, max_length=1024)]
     cameras: Annotated[tuple[ViewSpec, ...], Field(min_length=1, max_length=64)]
 
@@ -120,6 +130,11 @@ class Schema:
     def estimated(self) -> tuple[SensorSpec, ...]:
         """The sensors that networks estimate, in the order of their outputs."""
         return tuple(sensor for sensor in self.sensors if sensor.estimated)
+
+    @property
+    def measured(self) -> bool:
+        """Whether an instrument gives what is estimated: no simulation does."""
+        return any(sensor.quantity == "measurement" for sensor in self.estimated)
 
     @property
     def outputs(self) -> tuple[str, ...]:

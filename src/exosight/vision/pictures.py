@@ -3,14 +3,16 @@
 import ctypes
 import io
 import logging
+import re
 import warnings
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8
-from PIL import Image, ImageOps, _imaging
+from PIL import ExifTags, Image, ImageOps, _imaging
 
 from exosight.errors import DataError, InputError
 from exosight.files import read_file
@@ -20,6 +22,8 @@ LARGEST_PICTURE = 40_000_000
 """[pixels]; a camera's picture has fewer, and a small file may claim many more."""
 KINDS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP")
 """What is read, as Pillow names it."""
+ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+"""Names of picture files end so."""
 
 logging.getLogger("PIL").addHandler(logging.NullHandler())  # else Python prints its complaints to stderr
 with suppress(AttributeError, OSError):  # a Pillow without libtiff, or with one that cannot be reached
@@ -29,6 +33,20 @@ with suppress(AttributeError, OSError):  # a Pillow without libtiff, or with one
 Crop = tuple[int, int, int]
 """Left edge, upper edge and width [pixels] of the part of a picture that the network gets; its height follows
 from the network's aspect ratio."""
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """A picture as its file has it.
+
+    gray    0…255
+    turned  its file says that it is to be turned or mirrored, which is done
+    deep    it has 16 bits a pixel, of which the upper 8 are taken
+    """
+
+    gray: UInt8[np.ndarray, "rows columns"]
+    turned: bool
+    deep: bool
 
 
 def read_gray(
@@ -56,12 +74,11 @@ def decode_gray(
     Raises DataError if it is no picture, damaged, too large, or without a crop of another aspect ratio: a
     stretched picture shows another pose. Raises InputError if the crop leaves the picture.
     """
-    picture = decode_whole(data, name)
+    picture = decode(data, name).gray
     rows, columns = picture.shape
     if crop is not None:
         return cropped(picture, width, height, crop, name)
-    # Within one pixel of the smaller picture.
-    if abs(columns * height - rows * width) > max(rows, columns, width, height):
+    if not same_aspect((rows, columns), width, height):
         expected = "a square picture" if width == height else f"the aspect ratio {width}:{height}"
         middle = "--crop {} {} {}".format(*middle_of((rows, columns), width, height))
         raise DataError(
@@ -70,12 +87,24 @@ def decode_gray(
     return resized(picture, width, height)
 
 
-def decode_whole(data: bytes, name: str) -> UInt8[np.ndarray, "rows columns"]:
-    """The content of a picture file as gray values 0…255, in its own size.
+def natural_order(name: str) -> list[tuple[int, int, str]]:
+    """Key by which names are sorted with their numbers as numbers: img_9 before img_10."""
+    parts = re.split(r"([0-9]+)", name)
+    return [(0, int(part), part) if part.isdecimal() else (1, 0, part) for part in parts]
 
-    The size is read first, and a picture that is too large is not unpacked.
 
-    Raises DataError if it is no picture, damaged or too large.
+def same_aspect(shape: tuple[int, int], width: int, height: int) -> bool:
+    """Whether a picture of (rows, columns) has another's aspect ratio, within one pixel of the smaller."""
+    rows, columns = shape
+    return abs(columns * height - rows * width) <= max(rows, columns, width, height)
+
+
+def decode(data: bytes, name: str) -> Decoded:
+    """The content of a picture file in its own size; the size is read first, and a larger one not unpacked.
+
+    Colours become gray by Rec. 601; transparency is ignored.
+
+    Raises DataError if it is no picture, damaged, or too large.
     """
     too_large = f"up to {LARGEST_PICTURE // 10**6} million pixels are read; make it smaller"
     try:
@@ -86,13 +115,15 @@ def decode_whole(data: bytes, name: str) -> UInt8[np.ndarray, "rows columns"]:
                     raise DataError(f"{name}: {picture.width}×{picture.height} pixels, {too_large}")
                 picture.draft("L", None)  # of a JPEG only the gray is unpacked
                 picture.load()
+                turned = picture.getexif().get(ExifTags.Base.Orientation, 1) != 1
                 ImageOps.exif_transpose(picture, in_place=True)
                 deep = picture.mode.startswith("I;16")
                 if picture.mode in ("I", "F"):
                     raise DataError(f"{name}: more than 16 bits a pixel; save it with 8 or 16")
-                return (
+                gray = (
                     (np.asarray(picture) >> 8).astype(np.uint8) if deep else np.asarray(picture.convert("L"))
                 )
+                return Decoded(gray, turned, deep)
     except DataError:
         raise
     except Image.DecompressionBombError:

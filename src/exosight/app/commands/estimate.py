@@ -106,7 +106,7 @@ def _rows(schema: "Schema", read: "Reading") -> list[dict[str, str | float | Non
     )
     rows: list[dict[str, str | float | None]] = []
     for i, sensor in enumerate(schema.estimated):
-        unit, is_force = sensor.unit, sensor.quantity != "joint angle"
+        unit, is_force = sensor.unit, not sensor.signed
         rows.append(
             {
                 kind(schema): sensor.name,
@@ -128,16 +128,17 @@ def _table(
     schema: "Schema", caption: str, rows: list[dict[str, str | float | None]], totals: dict[str, float]
 ) -> Table:
     unit = common_unit(schema)
+    touching = [Column("contact probability", digits=2)] * any(not s.signed for s in schema.estimated)
     columns = (
         Column(kind(schema)),
         Column("force" if forces_only(schema) else "value", unit, digits=3),
         Column("from", unit, digits=3),
         Column("to", unit, digits=3),
-        Column("contact probability", digits=2),
+        *touching,
     )
     cells = []
     for name, row in zip(schema.outputs, rows, strict=True):
         values = list(row.values())[1:]
-        cells.append((row_name(schema, name), *values, *[None] * (4 - len(values))))
+        cells.append((row_name(schema, name), *values, *[None] * (len(columns) - 1 - len(values))))
     note = ", ".join(f"{name} {total:.3f} {schema.sensor(name).unit}" for name, total in totals.items())
     return Table("estimates", caption, columns, tuple(cells), note)

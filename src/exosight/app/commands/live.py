@@ -1,7 +1,7 @@
 """`exosight live`: the loop in real time, with a camera or a simulated system."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from pydantic import ConfigDict, Field
@@ -20,6 +20,9 @@ from exosight.app.commands.options import (
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import check_new_file, check_plot
 from exosight.errors import InputError
+
+if TYPE_CHECKING:
+    from exosight.control.estimator import OnnxEstimator
 
 MaybePositive = Annotated[
     Annotated[float, Field(gt=0, allow_inf_nan=False)] | None, tyro.conf.arg(help_behavior_hint="")
@@ -75,9 +78,10 @@ def live(
 ) -> None:
     """Control a force in real time: image, estimate, control law, actuator.
 
-    Without a source, the system is simulated. However the loop ends, Ctrl-C included,
-    the command first returns to 0. At the start the controller is tuned on a simulation of the system,
-    which takes some seconds. A preset has the exosuit of the paper's controller (r0 0.01,
+    With a network for a system that was only measured (exosight import), nothing is driven: pictures are
+    read, judged and recorded. Otherwise, without a source, the system is simulated. However the loop ends,
+    Ctrl-C included, the command first returns to 0. At the start the controller is tuned on a simulation of
+    the system, which takes some seconds. A preset has the exosuit of the paper's controller (r0 0.01,
     r1 0.005, length 0.095) unless options say otherwise.
 
     Examples:
@@ -85,6 +89,7 @@ def live(
       exosight live --source 0 --target 0.3 --record run.h5
       exosight live --source 0 --send /dev/ttyUSB0
       exosight live --system thumb.toml --model results/thumb/model.onnx
+      exosight live --source 0 --model results/rig/model.onnx --record run.h5
 
     Args:
         device: camera and actuator
@@ -113,6 +118,7 @@ def live(
     # Here, so that --help and wrong options answer at once: JAX takes a second to import.
     from exosight.app.live import LiveRun, Log, on_simulation, on_source, opened, timing_table
     from exosight.app.nominal import nominal_system
+    from exosight.app.observing import refuse_control
     from exosight.app.plots import plot_run, write_plot
     from exosight.control import CONTROL_SHAPE
     from exosight.control.estimator import OnnxEstimator, model_path
@@ -120,11 +126,21 @@ def live(
     from exosight.exosuit.catalogue import find_system
     from exosight.system.designs import FileDesigns
 
+    place = model_path(model, loop.system)
+    network = OnnxEstimator.load(place, alone=True)
+    if network.card.schema.measured:
+        own = NOMINAL_LOOP
+        changed = {
+            "system": loop.system != own.system, "sensor": loop.sensor, "channel": loop.channel,
+            "target": run.target, "contact-limit": run.contact_limit, "max-rate": run.max_rate,
+            "send": device.send, **{name.replace("_", "-"): True for name in exosuit.given()},
+        }  # fmt: skip
+        refuse_control(network.card.schema.system, changed)
+        _observe(device, run, network, place, plot, json)
+        return
     designs = find_system(loop.system)
     if isinstance(designs, FileDesigns):
         exosuit.refuse(f"change {loop.system} instead")
-    place = model_path(model, loop.system)
-    network = OnnxEstimator.load(place, alone=True)
     system = nominal_system(designs, exosuit.exosuit(CONTROL_SHAPE, loop.system), network)
     with opened(device.source, network, device.crop) as frames:
         say("tuning the controller on a simulation of the system")
@@ -149,4 +165,40 @@ def live(
                 if json is not None:
                     write_json(log.summary(), json)
                 elif device.send != "-":
+                    show(timing_table(log.seconds, log.late))
+
+
+def _observe(
+    device: DeviceOptions,
+    run: RunOptions,
+    network: "OnnxEstimator",
+    place: Path,
+    plot: Path | None,
+    json: str | None,
+) -> None:
+    """Read, judge and record the pictures of a source."""
+    from exosight.app.live import LiveRun, opened, timing_table
+    from exosight.app.observing import ObservationLog, observe
+    from exosight.app.plots import plot_estimates, write_plot
+    from exosight.control.at_rest import at_rest
+
+    schema = network.card.schema
+    with opened(device.source, network, device.crop) as frames:
+        if frames is None:
+            raise InputError(
+                f"live: expected --source with pictures, as of {schema.system} no simulation is known"
+            )
+        config = at_rest(schema, 1 / run.rate)
+        log = ObservationLog(say, config)
+        still = [0.0] * max(1, round(run.seconds * run.rate))
+        try:
+            observe(LiveRun(None, network, place, config, still, run.record), frames, log)
+        finally:
+            if log.steps:
+                say(log.end() + (f"; wrote {run.record}" if run.record and run.record.exists() else ""))
+                if plot is not None and log.readings:
+                    write_plot(plot_estimates(schema, log.readings), plot)
+                if json is not None:
+                    write_json(log.summary(), json)
+                else:
                     show(timing_table(log.seconds, log.late))

@@ -39,6 +39,7 @@ def replay(
     check_json_target(json)
     check_plot(plot)
     from exosight.app.live import timing_table
+    from exosight.app.observing import WORDS
     from exosight.control.estimator import OnnxEstimator, model_path
     from exosight.control.recording import STATES, checksum, read_recording
     from exosight.control.replay import replay as run
@@ -56,8 +57,9 @@ def replay(
     if json is None:
         show(timing_table(recorded.seconds, recorded.late))
         for i in np.flatnonzero(recorded.cause != b""):
-            state = STATES[recorded.state[i]].value
-            say(f"{recorded.time[i]:7.1f} s  {state}: {recorded.cause[i].decode(errors='replace')}")
+            state = STATES[recorded.state[i]]
+            word = WORDS[state] if config.schema.measured else state.value
+            say(f"{recorded.time[i]:7.1f} s  {word}: {recorded.cause[i].decode(errors='replace')}")
     else:
         write_json({"same_network": same, **_steps(recorded, again)}, json)
     if plot is not None:

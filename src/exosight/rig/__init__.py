@@ -1,0 +1,12 @@
+"""Pictures and readings of a real system: read from whatever a laboratory has, stored as a dataset.
+
+units      SI units of what instruments read
+table      CSV files: columns with names and units
+pictures   what all sources of pictures have in common: size, part and order
+folder     a folder of picture files
+video      a video file
+matlab     .mat files: pictures and readings in one
+matching   which row of a table belongs to which picture
+readings   sensors, commands and sequences of matched pictures
+importing  the dataset made of them: chunk after chunk, resumable
+"""
