@@ -10,13 +10,13 @@ from exosight.arrays import AnyArray
 from exosight.mechanics import branch
 from exosight.mechanics.continuation_state import ALONG, TO_LOAD, ContinuationState
 from exosight.mechanics.energy import Evaluation
-from exosight.mechanics.evaluator import Solve
+from exosight.mechanics.evaluator import solve_definite
 from exosight.mechanics.metric import Metric
 
 LONGEST = 0.06
 """Longest step along a branch, relative to `Metric.range`."""
 
-ROUGH = 1e-7
+ROUGH = 3e-6
 """Residual of points on the way, where nobody has asked for the equilibrium."""
 
 CONTRACTION = 0.6
@@ -34,7 +34,6 @@ class Problem(NamedTuple):
     """What stays the same on the whole path; `conservative`: Π exists."""
 
     metric: Metric
-    solve: Solve
     conservative: bool
     tolerance: Float[AnyArray, ""]
     max_iterations: Int[AnyArray, ""]
@@ -131,7 +130,7 @@ def _factorised(
     if not problem.conservative:  # no energy whose minimum it could be: any solution of the equations will do
         return jnp.linalg.solve(matrix, right), jnp.array(1.0)
     if here.coupling is None:
-        solved, definite = problem.solve(matrix, right)
+        solved, definite = solve_definite(matrix, right)
         return solved, jnp.where(definite, 1.0, 0.0)
     # The flow turns away where a real eigenvalue becomes negative.
     lu, pivots = lu_factor(matrix)
@@ -198,12 +197,32 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
         jnp.where(settled, ~like, ~point.stable | hopeless),
         along & jnp.where(on_branch, ~(alike & (rising | turned)), hopeless),
     )
+    ahead = _opening(state, segment, point, dt)
+    ahead = jnp.where(along, ahead * metric.size(anchor.tangent), ahead)
+    corner = jnp.where(failed & ~circling & ~point.stable, ahead, corner)
     at_load = arrived & (state.t >= 1)
     lost = ~at_load & (state.steps + 1 >= problem.max_iterations)
     if not problem.conservative:
         lost = lost | (to_load & failed & (dt < 1e-5))
     passed = good & rising & (state.t >= 1)
     return Verdict(arrived, at_load, lost, failed, passed, good & turned, corner, tangent)
+
+
+def _opening(
+    state: ContinuationState, segment: Segment, point: Point, dt: Float[AnyArray, ""]
+) -> Float[AnyArray, ""]:
+    """How far in t the anchor's tangent leads to where a contact opens, beyond which nothing holds the pose.
+
+    On the way there ∇Π stays zero along the tangent v, to first order; beyond, it changes by ∇²Π v + ∂∇Π/∂t,
+    both as at the first trial point. With friction, where points slip is no opening, and nothing is said.
+    """
+    if state.memories:
+        return jnp.array(jnp.inf)
+    v = state.anchor.tangent
+    change = v @ (point.here.jacobian @ v + segment.span @ point.here.load_gradient)
+    back = (v @ point.here.gradient) / jnp.where(jnp.abs(change) > 0, change, 1.0)
+    first = (state.tries == 0) & ~state.beyond.known
+    return jnp.where(first & (back > 0) & (back < dt), dt - back, jnp.inf)
 
 
 def _two_cycle(
@@ -220,7 +239,7 @@ def _two_cycle(
     """
     before, length = state.previous
     bend = before - tangent
-    weighed = metric.matrix @ bend
+    weighed = metric.times(bend)
     back = (weighed @ correction) / jnp.maximum(weighed @ bend, 1e-300)
     circling = (state.tries > 0) & (metric.size(correction) > CONTRACTION * length)
     corner = circling & (place + back > 0) & (back < 0)

@@ -64,7 +64,7 @@ def unlike(
     tangent jumps.
     """
     span = arriving - leaving
-    weighed = metric.matrix @ span
+    weighed = metric.times(span)
     along = jnp.clip((moved - leaving) @ weighed / jnp.maximum(span @ weighed, 1e-300), 0, 1)
     largest = jnp.maximum(metric.size(leaving), metric.size(arriving))
     relative, absolute = UNLIKE
@@ -83,7 +83,7 @@ class Bordered(NamedTuple):
 
 def across(metric: Metric, anchor: Anchor) -> Float[AnyArray, " dofs"]:
     """c = M v/|v|, v the anchor's tangent: cᵀ(q − q_anchor) is the length s along it."""
-    return metric.matrix @ (anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300))
+    return metric.times(anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300))
 
 
 def bordered(
@@ -145,7 +145,7 @@ def bracket(metric: Metric, anchor: Anchor, beyond: Beyond, narrow: Float[AnyArr
     smooth = s_b * dt_a / steeper
     # Elsewhere a contact opens or closes, and two pieces meet at an angle (the second may lead back) …
     apart = dq_a - dq_b
-    weighed = metric.matrix @ apart
+    weighed = metric.times(apart)
     angle = weighed @ apart
     corner = weighed @ (between - dq_b * s_b) / jnp.maximum(angle, 1e-300)
     # … or the branch goes straight on, unstable in a direction of its own.

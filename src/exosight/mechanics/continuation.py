@@ -14,21 +14,26 @@ the next one (`next_trial`), so that robots side by side never wait for one anot
 """
 
 from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics import descent
 from exosight.mechanics.acceptance import Point, Problem, Segment, Verdict, judge, linearise
 from exosight.mechanics.branch import Anchor
-from exosight.mechanics.continuation_state import ALONG, DESCEND, SNAPS, ContinuationState, Records
+from exosight.mechanics.continuation_records import Entry, entry_of, recorded
+from exosight.mechanics.continuation_state import ALONG, DESCEND, ContinuationState
 from exosight.mechanics.descent import Descent
-from exosight.mechanics.evaluator import Evaluator
+from exosight.mechanics.energy import Evaluation
+from exosight.mechanics.evaluator import Evaluator, Solve
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.next_trial import Directions, next_trial
 from exosight.mechanics.robot import Robot
+from exosight.mechanics.term import Memories
 
 SNAPPED = 1e-4
 """Smallest change of pose that is reported as a snap, relative to `Metric.range`."""
@@ -43,54 +48,158 @@ def stepper(
     max_iterations: Int[AnyArray, ""],
 ) -> Callable[[ContinuationState], ContinuationState]:
     """The function that takes a robot one evaluation further; only the first `count` loads are meant."""
-    metric = Metric.of(robot)
-    problem = Problem(metric, evaluator.solve, robot.conservative, tolerance, max_iterations)
+    limits = Metric.of(robot), tolerance, max_iterations
 
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
-        q = jnp.asarray(state.q)
-        there, remembered, pose = evaluator.evaluate(q, jnp.asarray(segment.load(state.t)), state.memories)
-        residual = metric.force(there.gradient) / (metric.size(q) + metric.unit)
+        now = state._replace(records=None)
+        there, remembered, pose = evaluator.evaluate(
+            jnp.asarray(state.q), jnp.asarray(segment.load(state.t)), state.memories
+        )
+        seen = evaluator.call(_assessed(robot.conservative), limits, segment, now, there)
+        # Of the descent, and of the point.
+        before = state.descent.here
+        kept = _chosen(seen.accepted, _matrices(there), _matrices(before))
+        hessian, coupling = _chosen(state.phase == DESCEND, kept, _matrices(there))
+        flow = _flow(robot.conservative, limits[0], evaluator.solve, kept[0], seen)
+        free = evaluator.step_fraction(pose, jnp.where(seen.flowing, flow.step, seen.onwards))
+        now = now._replace(descent=now.descent._replace(here=_without_matrices(before)))
+        now, entry = evaluator.call(
+            _advanced(robot.conservative), limits, segment, now, remembered, seen, flow, free
+        )
+        here = now.descent.here._replace(hessian=kept[0], coupling=kept[1])
+        jacobian = hessian if coupling is None else hessian + coupling
+        records = recorded(state.records, entry, jacobian)
+        return now._replace(descent=now.descent._replace(here=here), records=records)
+
+    return step
+
+
+def _matrices(here: Evaluation) -> tuple[AnyArray, AnyArray | None]:
+    return here.hessian, here.coupling
+
+
+def _chosen(first: AnyArray, one: Any, other: Any) -> Any:
+    return jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
+
+
+def _without_matrices(here: Any) -> Any:
+    """Moving its matrices in and out of programs would take as long as what is done there."""
+    return here._replace(hessian=None, coupling=None)
+
+
+class Flow(NamedTuple):
+    """The step of a descent, 1/h of it, and stepᵀ ∇²Π step."""
+
+    step: Float[AnyArray, " dofs"]
+    shift: Float[AnyArray, ""]
+    curvature: Float[AnyArray, ""]
+
+
+class Seen(NamedTuple):
+    """What a trial point is, and where it leads.
+
+    moved, accepted   a descent there, and whether the trial point is a step of it
+    tangent           dq/dt from here on
+    onwards           the tangent if arrived, else Newton's step, at a load or along the branch
+    flowing, wanted   the step of a descent is taken in its place; it is to be found
+    """
+
+    point: Point
+    verdict: Verdict
+    moved: Descent
+    accepted: Bool[AnyArray, ""]
+    tangent: Float[AnyArray, " dofs"]
+    onwards: Float[AnyArray, " dofs"]
+    flowing: Bool[AnyArray, ""]
+    wanted: Bool[AnyArray, ""]
+
+
+@cache
+def _assessed(conservative: bool) -> Callable[..., Seen]:
+    """The function that judges a trial point, for robots whose forces all have a potential or not."""
+
+    def assess(limits: tuple, segment: Segment, state: ContinuationState, there: Evaluation) -> Seen:
+        problem = _problem(conservative, limits)
+        metric = problem.metric
+        residual = metric.force(there.gradient) / (metric.size(state.q) + metric.unit)
         descending = state.phase == DESCEND
-        moved, accepted = descent.accept(state.descent, metric, q, there, residual, robot.conservative)
+        moved, accepted = descent.accept(state.descent, metric, state.q, there, residual, conservative)
         q, here, residual = jax.tree.map(
             lambda a, b: jnp.where(descending, a, b),
             (moved.q, moved.here, moved.residual),
-            (q, there, residual),
+            (state.q, there, residual),
         )
         point = linearise(state, problem, segment, q, here, residual)
         verdict = judge(state, problem, segment, point)
-        flow, shift = _flow(problem, moved, point, descending & accepted & ~verdict.arrived)
         tangent = point.response @ jnp.where(verdict.at_load, segment.following, segment.span)
         correction = jnp.where(state.phase == ALONG, point.bordered.q, point.newton)
-        taken = jnp.where(verdict.arrived, tangent, jnp.where(descending, flow, correction))
-        free = evaluator.step_fraction(pose, taken)
-        by_t = segment.span @ here.load_gradient
-        going = descending & accepted & ~state.descent.fresh & ~descent.near_rest(moved)
+        return Seen(
+            point._replace(here=_without_matrices(point.here)),
+            verdict,
+            moved._replace(here=_without_matrices(moved.here)),
+            accepted,
+            tangent,
+            onwards=jnp.where(verdict.arrived, tangent, correction),
+            flowing=descending & ~verdict.arrived,
+            wanted=descending & accepted & ~verdict.arrived,
+        )
+
+    return assess
+
+
+@cache
+def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entry]]:
+    """The function to the next trial point, for robots whose forces all have a potential or not."""
+
+    def advance(
+        limits: tuple,
+        segment: Segment,
+        state: ContinuationState,
+        remembered: Memories,
+        seen: Seen,
+        flow: Flow,
+        free: Float[AnyArray, ""],
+    ) -> tuple[ContinuationState, Entry]:
+        problem = _problem(conservative, limits)
+        point, verdict, moved = seen.point, seen.verdict, seen.moved
+        correction = jnp.where(state.phase == ALONG, point.bordered.q, point.newton)
+        by_t = segment.span @ point.here.load_gradient
+        going = (state.phase == DESCEND) & seen.accepted & ~state.descent.fresh & ~descent.near_rest(moved)
         moved_on = verdict.arrived | going
         memories = tuple(
             jnp.where(moved_on, new, old) for new, old in zip(remembered, state.memories, strict=True)
         )
         state = state._replace(memories=memories)
-        state = _settle(state, problem, segment, point, verdict, moved, tangent)
+        state, entry = _settle(state, problem, segment, point, verdict, moved, seen.tangent)
         # What is remembered changes the forces of a descent, so they are found again at the same pose.
         again = going if remembered else jnp.array(False)
-        ways = Directions(correction, flow, shift, accepted, free, by_t, again)
-        return next_trial(state, problem, point, verdict, ways)
+        ways = Directions(correction, *flow, seen.accepted, free, by_t, again)
+        return next_trial(state, problem, point, verdict, ways), entry
 
-    return step
+    return advance
+
+
+def _problem(conservative: bool, limits: tuple) -> Problem:
+    metric, tolerance, max_iterations = limits
+    lower = metric._replace(factor=jnp.tril(metric.factor))  # what a program need not multiply
+    return Problem(lower, conservative, tolerance, max_iterations)
 
 
 def _flow(
-    problem: Problem, moved: Descent, point: Point, wanted: Bool[AnyArray, ""]
-) -> tuple[AnyArray, AnyArray]:
-    """The step of a descent from here, and 1/h of it."""
-    metric = problem.metric
-    if not problem.conservative:
+    conservative: bool, metric: Metric, solve: Solve, hessian: Float[AnyArray, "dofs dofs"], seen: Seen
+) -> Flow:
+    """How a descent goes on from here."""
+    moved, point = seen.moved, seen.point
+    if conservative:
+        saddle = point.converged & ~point.stable
+        step, shift = descent.direction(
+            moved, metric, solve, hessian, point.newton, point.stable, saddle, seen.wanted
+        )
+    else:
         shortened = jnp.minimum(1.0, moved.radius / jnp.maximum(metric.size(point.newton), 1e-300))
-        return point.newton * shortened, moved.shift
-    saddle = point.converged & ~point.stable
-    return descent.direction(moved, metric, problem.solve, point.newton, point.stable, saddle, wanted)
+        step, shift = point.newton * shortened, jnp.asarray(moved.shift)
+    return Flow(step, shift, step @ hessian @ step)
 
 
 def _settle(
@@ -101,8 +210,8 @@ def _settle(
     verdict: Verdict,
     moved: Descent,
     tangent: Float[AnyArray, " dofs"],
-) -> ContinuationState:
-    """The state with what has been found recorded; `tangent`: dq/dt from here on."""
+) -> tuple[ContinuationState, Entry]:
+    """The state with what has been found, and what to record of it; `tangent`: dq/dt from here on."""
     arrived, at_load, lost = verdict.arrived, verdict.at_load, verdict.lost
     metric = problem.metric
     descending = state.phase == DESCEND
@@ -120,11 +229,10 @@ def _settle(
         tied=state.tied | (descending & point.converged & ~point.stable),
     )
     reached = jnp.where(at_load, segment.target, segment.load(state.anchor.t))
-    records = _with_load(now, point, at_load, done, reached)
-    records = _with_snap(now._replace(records=records), point, jumped, segment.load(state.t))
+    entry = entry_of(now, point, at_load, done, reached, jumped, segment.load(state.t))
     t = jnp.where(at_load, 0.0, state.t)
     small = arrived & descending & state.snap & ~far
-    return now._replace(
+    now = now._replace(
         load=jnp.minimum(state.load + done, segment.total),
         steps=jnp.where(done, 0, steps),
         snaps=state.snaps + jumped,
@@ -143,51 +251,5 @@ def _settle(
         nudge=jnp.where(small, 8 * state.nudge, jnp.where(arrived, 1.0, state.nudge)),
         snapped=now.snapped & ~done,
         tied=now.tied & ~done,
-        records=records,
     )
-
-
-def _with_load(
-    state: ContinuationState, point: Point, at_load: AnyArray, done: AnyArray, reached: AnyArray
-) -> Records:
-    """The records, with what was found at the present load if that is `done`."""
-    records = state.records
-    at = jnp.minimum(state.load, len(records.q) - 1)
-
-    def put(into: AnyArray, value: AnyArray) -> Array:
-        return jnp.asarray(into).at[at].set(jnp.where(done, value, into[at]))
-
-    return records._replace(
-        q=put(records.q, jnp.where(at_load, point.q, state.anchor.q)),
-        hessian=put(records.hessian, point.here.jacobian),
-        energy=put(records.energy, point.here.energy),
-        residual=put(records.residual, point.residual),
-        iterations=put(records.iterations, state.steps),
-        converged=put(records.converged, at_load),
-        snapped=put(records.snapped, state.snapped),
-        tied=put(records.tied, state.tied),
-        load=put(records.load, reached),
-        memories=jax.tree.map(
-            lambda into, new, old: put(into, jnp.where(at_load, new, old)),
-            records.memories,
-            state.memories,
-            state.anchor.memories,
-        ),
-    )
-
-
-def _with_snap(state: ContinuationState, point: Point, jumped: AnyArray, load: AnyArray) -> Records:
-    """The records, with a snap at `load` if the pose has `jumped`."""
-    records = state.records
-    at = jnp.minimum(state.snaps, SNAPS - 1)
-
-    def put(into: AnyArray, value: AnyArray) -> Array:
-        return jnp.asarray(into).at[at].set(jnp.where(jumped, value, into[at]))
-
-    return records._replace(
-        snap_step=put(records.snap_step, state.load),
-        snap_load=put(records.snap_load, load),
-        before=put(records.before, state.anchor.q),
-        after=put(records.after, point.q),
-        released=put(records.released, state.start - point.here.energy),
-    )
+    return now, entry

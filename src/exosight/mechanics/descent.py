@@ -100,6 +100,7 @@ def direction(
     descent: Descent,
     metric: Metric,
     solve: Solve,
+    hessian: Float[AnyArray, "dofs dofs"],
     newton: Float[AnyArray, " dofs"],
     stable: Bool[AnyArray, ""],
     saddle: Bool[AnyArray, ""],
@@ -111,11 +112,11 @@ def direction(
     saddle   ∇Π is zero but ∇²Π not positive definite
     wanted   whether the answer is used at all
     """
-    hessian, radius = descent.here.hessian, descent.radius
+    radius, matrix = descent.radius, metric.factor @ metric.factor.T
     along = jnp.where(saddle, _some_direction(len(newton)), descent.here.gradient)
 
     def attempt(shift: Array) -> tuple[Array, Array]:
-        solved, definite = solve(hessian + shift * metric.matrix, along[:, None])
+        solved, definite = solve(hessian + shift * matrix, along[:, None])
         return shift, jnp.where(definite, -solved[:, 0], jnp.nan)
 
     def too_long(state: tuple[Array, Array]) -> Array:
@@ -124,7 +125,8 @@ def direction(
 
     whole = stable & (metric.size(newton) <= radius)
     first = jnp.maximum(descent.shift / 16, 1e-3)
-    shift, damped = jax.lax.while_loop(too_long, lambda state: attempt(4 * state[0]), attempt(first))
+    none = first / 4, jnp.full(len(newton), jnp.nan)
+    shift, damped = jax.lax.while_loop(too_long, lambda state: attempt(4 * state[0]), none)
     length = jnp.maximum(metric.size(damped), 1e-300)
     # Past a fold or at a saddle the gradient says little; a step of the trust radius leaves them at once.
     damped = damped * jnp.where(stable, jnp.minimum(1.0, radius / length), radius / length)

@@ -4,7 +4,7 @@ Both run the same functions, `energy.potential` and the terms' `max_step_fractio
 """
 
 from collections.abc import Callable, Hashable, Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any, NamedTuple, TypeAlias
 
 import jax
@@ -18,7 +18,7 @@ from exosight.mechanics.energy import Evaluation, potential
 from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.term import Memories
-from exosight.scalar_program import Unrolled, Unsupported, unroll
+from exosight.scalar_program import Unrolled, Unsupported, call_unrolled, unroll
 
 Solve: TypeAlias = Callable[
     [Float[AnyArray, "dofs dofs"], Float[AnyArray, "dofs right"]],
@@ -33,7 +33,8 @@ class Evaluator(NamedTuple):
     evaluate       (q, loads, memories) -> Π with its derivatives, the memories if a step ends there, and
                    what `step_fraction` needs of that pose
     step_fraction  (that, step) -> how much of a step from there the expansion holds for
-    solve          see `Solve`
+    solve          `solve_definite`
+    call           (function, arguments) -> its results; a function of arrays that is the same for many robots
     """
 
     evaluate: Callable[
@@ -41,6 +42,7 @@ class Evaluator(NamedTuple):
     ]
     step_fraction: Callable[[Any, Float[Array, " dofs"]], Float[Array, ""]]
     solve: Solve
+    call: Callable[..., Any]
 
 
 def by_xla(robot: Robot) -> Evaluator:
@@ -52,7 +54,12 @@ def by_xla(robot: Robot) -> Evaluator:
         found, motion = (potential(now) if memories else same)(q, loads)
         return found, now.remember(motion, loads), motion
 
-    return Evaluator(evaluate, lambda motion, step: _step_fraction(robot, motion, step), _solve)
+    return Evaluator(
+        evaluate,
+        lambda motion, step: _step_fraction(robot, motion, step),
+        solve_definite,
+        lambda function, *arguments: function(*arguments),
+    )
 
 
 def by_program(program: Unrolled, robot: Robot) -> Evaluator:
@@ -64,9 +71,9 @@ def by_program(program: Unrolled, robot: Robot) -> Evaluator:
         return found, remembered, pose
 
     def solve(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
-        return _solver(*right.shape)(0, None, (matrix, right))[0]
+        return call_unrolled(solve_definite, matrix, right)
 
-    return Evaluator(evaluate, lambda pose, step: program(2, pose, (step,))[0], solve)
+    return Evaluator(evaluate, lambda pose, step: program(2, pose, (step,))[0], solve, call_unrolled)
 
 
 @lru_cache(maxsize=64)
@@ -95,16 +102,11 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
         return None
 
 
-def _solve(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
+def solve_definite(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
+    """matrix⁻¹ right, and whether the symmetric matrix is positive definite; else it means nothing."""
     factor = jnp.linalg.cholesky(matrix, symmetrize_input=False)
     last = factor[-1, -1]  # not a number if a pivot before was not positive
     return cho_solve((factor, True), right), jnp.isfinite(last) & (last > 0)
-
-
-@cache
-def _solver(dofs: int, right: int) -> Unrolled:
-    """The program of `_solve`."""
-    return unroll(lambda at: (_solve(*at),), [(np.zeros((dofs, dofs)), np.zeros((dofs, right)))])
 
 
 def _step_fraction(robot: Robot, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:

@@ -26,12 +26,10 @@ def metric_of(robot: Robot) -> Float[Array, "dofs dofs"]:
 class Metric(NamedTuple):
     """The metric M of a robot.
 
-    matrix   M
-    factor   its Cholesky factor
+    factor   L of M = L Lᵀ
     unit     q₀ = |q| of a strain or angle of 0.01: what counts as small where |q| is zero
     """
 
-    matrix: Float[Array, "dofs dofs"]
     factor: Float[Array, "dofs dofs"]
     unit: Float[Array, ""]
 
@@ -39,7 +37,11 @@ class Metric(NamedTuple):
     def of(robot: Robot) -> "Metric":
         """That of a robot."""
         matrix = metric_of(robot)
-        return Metric(matrix, jnp.linalg.cholesky(matrix), 0.01 * jnp.sqrt(jnp.trace(matrix) / robot.dofs))
+        return Metric(jnp.linalg.cholesky(matrix), 0.01 * jnp.sqrt(jnp.trace(matrix) / robot.dofs))
+
+    def times(self, q: Float[AnyArray, " dofs"]) -> Float[Array, " dofs"]:
+        """M q."""
+        return self.factor @ (self.factor.T @ q)
 
     def size(self, q: Float[AnyArray, " dofs"]) -> Float[Array, ""]:
         """|q|, with |q|² = qᵀ M q."""

@@ -28,7 +28,8 @@ class Directions(NamedTuple):
     """Where the point's linear algebra leads.
 
     correction   Newton's step, at a load or along the branch
-    flow         the step of the descent, and 1/h of it; `accepted`: to be taken, from a point accepted
+    flow         the step of the descent, 1/h of it, and flowᵀ ∇²Π flow; `accepted`: to be taken, from a point
+                 accepted
     free         how much of the direction taken from here (the tangent, if arrived) before a gap closes
     by_t         ∂∇Π/∂t
     again        a descent is to be evaluated at the same pose again
@@ -37,6 +38,7 @@ class Directions(NamedTuple):
     correction: Float[AnyArray, " dofs"]
     flow: Float[AnyArray, " dofs"]
     shift: Float[AnyArray, ""]
+    curvature: Float[AnyArray, ""]
     accepted: Bool[AnyArray, ""]
     free: Float[AnyArray, ""]
     by_t: Float[AnyArray, " dofs"]
@@ -121,7 +123,7 @@ def next_trial(
         growth=jnp.where(
             plan.failed,
             jnp.where(plan.at_corner, 2 * MARGIN, 1.0),
-            jnp.where(verdict.arrived, 2.0, state.growth),
+            jnp.where(verdict.arrived, jnp.where(state.growth < 1, 8.0, 2.0), state.growth),
         ),
         previous=jax.tree.map(
             lambda gone, now: jnp.where(begun | (whole < 1), gone, now),
@@ -219,7 +221,7 @@ def _walk(walk: Descent, point: Point, plan: Plan, ways: Directions, radius: Flo
         step=step,
         fraction=jnp.where(ways.accepted, jnp.minimum(1.0, ways.free), 0.25 * walk.fraction),
         slope=walk.here.gradient @ step,
-        curvature=step @ walk.here.hessian @ step,
+        curvature=jnp.where(ways.accepted, ways.curvature, walk.curvature),
         shift=jnp.where(ways.accepted, ways.shift, walk.shift),
         fresh=plan.descend | ways.again,
         radius=jnp.where(plan.descend, radius, walk.radius),

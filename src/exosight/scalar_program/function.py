@@ -2,18 +2,20 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
 from exosight.scalar_program import interpreter
+from exosight.scalar_program.cache import kept_programs
 from exosight.scalar_program.graph import Graph, Unsupported
 from exosight.scalar_program.program import Program, Stage, programs
-from exosight.scalar_program.tracing import trace
+from exosight.scalar_program.tracing import values_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,20 +61,59 @@ def unroll(function: Callable, arguments: Sequence[Any]) -> Unrolled:
     """
     if why := interpreter.obstacle():
         raise Unsupported(why)
-    graph = Graph()
     flat, structure = jax.tree.flatten(tuple(arguments))
-    inputs = [np.array(graph.inputs(int(np.prod(np.shape(x)))), dtype=np.int64) for x in flat]
-    inputs = [own.reshape(np.shape(x)) for own, x in zip(inputs, flat, strict=True)]
-    found, shapes = trace(graph, lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), inputs)
-    stages = [
-        Stage(_numbers(given), _numbers(wanted))
-        for given, wanted in zip(
-            jax.tree.unflatten(structure, inputs),
-            jax.tree.unflatten(jax.tree.structure(shapes), found),
-            strict=True,
-        )
+    jaxpr, results = jax.make_jaxpr(
+        lambda *leaves: function(*jax.tree.unflatten(structure, leaves)), return_shape=True
+    )(*(jax.ShapeDtypeStruct(np.shape(x), np.float64) for x in flat))
+    sizes = [
+        (len(jax.tree.leaves(a)), len(jax.tree.leaves(b))) for a, b in zip(arguments, results, strict=True)
     ]
-    return Unrolled(tuple(programs(graph, stages)), tuple(shapes))
+
+    def make() -> list[Program]:
+        graph = Graph()
+        inputs = [np.array(graph.inputs(int(np.prod(np.shape(x)))), dtype=np.int64) for x in flat]
+        inputs = [own.reshape(np.shape(x)) for own, x in zip(inputs, flat, strict=True)]
+        found = jax.tree.unflatten(jax.tree.structure(results), values_of(graph, jaxpr, inputs))
+        given = jax.tree.unflatten(structure, inputs)
+        return programs(graph, [Stage(_numbers(a), _numbers(b)) for a, b in zip(given, found, strict=True)])
+
+    return Unrolled(tuple(kept_programs(jaxpr, sizes, make)), tuple(results))
+
+
+def call_unrolled(function: Callable, *arguments: Any) -> Any:
+    """The results of a function of arrays, by its program where it has one, else by JAX.
+
+    function    known by its identity: its program is made once for arguments of these shapes
+    arguments   arrays in any structure: numbers, whole numbers and truth values
+    """
+    leaves, structure = jax.tree.flatten(arguments)
+    kinds = tuple((jnp.shape(x), jnp.result_type(x)) for x in leaves)
+    program = _program(function, structure, kinds)
+    if program is None:
+        return function(*arguments)
+    unrolled, results = program
+    found, _ = unrolled(0, None, [jnp.asarray(x, float) for x in leaves])
+    return jax.tree.map(lambda value, like: value.astype(like.dtype), found, results)
+
+
+@lru_cache(maxsize=64)
+def _program(
+    function: Callable, structure: Any, kinds: Sequence[tuple[tuple[int, ...], Any]]
+) -> tuple[Unrolled, Any] | None:
+    """The program of a function of arrays, and what its results look like; None where there is none."""
+
+    def original(leaves: list[Array]) -> Any:
+        given = [x.astype(dtype) for x, (_, dtype) in zip(leaves, kinds, strict=True)]
+        return function(*jax.tree.unflatten(structure, given))
+
+    def in_numbers(leaves: list[Array]) -> tuple[Any]:
+        return (jax.tree.map(lambda x: jnp.asarray(x, float), original(leaves)),)
+
+    numbers = [np.zeros(shape) for shape, _ in kinds]
+    try:
+        return unroll(in_numbers, [numbers]), jax.eval_shape(original, numbers)
+    except Unsupported:
+        return None
 
 
 def _numbers(values: Any) -> list[int]:

@@ -13,9 +13,11 @@ from functools import cache
 from typing import Any, TypeAlias
 
 import jax
+import llvmlite
 import llvmlite.binding as llvm
 from llvmlite import ir
 
+from exosight.scalar_program.cache import kept_bytes, source_hash
 from exosight.scalar_program.operations import LIBRARY, Op
 
 LANES = 8
@@ -63,10 +65,22 @@ _ENGINES: list[Any] = []
 
 
 def _engine(processor: str, features: str, targets: Mapping[int, str]) -> Any:
-    machine = llvm.Target.from_default_triple().create_target_machine(cpu=processor, features=features, opt=2)
+    """What holds the machine code; it is kept on disk, as making it takes a second."""
+    machine = llvm.Target.from_default_triple().create_target_machine(
+        cpu=processor, features=features, opt=2, jit=True
+    )
+    made_for = "\n".join((llvmlite.__version__, machine.triple, processor, features, str(targets)))
+    code = kept_bytes(f"{source_hash(made_for.encode())}.o", lambda: _machine_code(machine, targets))
     library = ctypes.CDLL(None)
     for name in LIBRARY.values():
         llvm.add_symbol(name, ctypes.cast(getattr(library, name), ctypes.c_void_p).value)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine
+
+
+def _machine_code(machine: Any, targets: Mapping[int, str]) -> bytes:
     module = ir.Module("scalar_program")
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     for bits, name in targets.items():
@@ -79,9 +93,7 @@ def _engine(processor: str, features: str, targets: Mapping[int, str]) -> Any:
     llvm.create_pass_builder(machine, options).getModulePassManager().run(
         parsed, llvm.create_pass_builder(machine, options)
     )
-    engine = llvm.create_mcjit_compiler(parsed, machine)
-    engine.finalize_object()
-    return engine
+    return machine.emit_object(parsed)
 
 
 def _variable(b: Builder, kind: ir.Type) -> Value:

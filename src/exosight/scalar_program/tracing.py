@@ -7,7 +7,6 @@ or a gather only changes which value stands where.
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import jax
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Literal
 
@@ -16,17 +15,8 @@ from exosight.scalar_program.indexing import Values, dynamic_slice, gather, know
 from exosight.scalar_program.operations import Op
 
 
-def trace(graph: Graph, function: Callable, inputs: Sequence[Values]) -> tuple[list[Values], Any]:
-    """The values of a function of float arrays, and their shapes in the structure that it returns.
-
-    Raises Unsupported for what cannot be unrolled.
-    """
-    given = [jax.ShapeDtypeStruct(x.shape, np.float64) for x in inputs]
-    jaxpr, shapes = jax.make_jaxpr(function, return_shape=True)(*given)
-    return _closed(graph, jaxpr, inputs), shapes
-
-
-def _closed(graph: Graph, closed: ClosedJaxpr, inputs: Sequence[Values]) -> list[Values]:
+def values_of(graph: Graph, closed: ClosedJaxpr, inputs: Sequence[Values]) -> list[Values]:
+    """The values of the results of a jaxpr; Unsupported for what cannot be unrolled."""
     return _run(graph, closed.jaxpr, [_lift(graph, c) for c in closed.consts], inputs)
 
 
@@ -90,7 +80,7 @@ def _quotient(graph: Graph, equation: Any, a: Values, b: Values) -> Values:
 
 def _call(graph: Graph, equation: Any, *x: Values) -> list[Values]:
     inner = equation.params.get("jaxpr", equation.params.get("call_jaxpr"))
-    return _closed(graph, inner, x) if isinstance(inner, ClosedJaxpr) else _run(graph, inner, [], x)
+    return values_of(graph, inner, x) if isinstance(inner, ClosedJaxpr) else _run(graph, inner, [], x)
 
 
 def _platform(graph: Graph, equation: Any) -> Values:
@@ -104,7 +94,7 @@ def _branch(graph: Graph, equation: Any, which: Values, *x: Values) -> list[Valu
     """One of several functions, if it is known which."""
     branches = equation.params["branches"]
     at = int(np.clip(known_numbers(graph, equation, which), 0, len(branches) - 1))
-    return _closed(graph, branches[at], x)
+    return values_of(graph, branches[at], x)
 
 
 def _scan(graph: Graph, equation: Any, *x: Values) -> list[Values]:
@@ -114,12 +104,21 @@ def _scan(graph: Graph, equation: Any, *x: Values) -> list[Values]:
     order = range(length)
     for i in reversed(order) if params["reverse"] else order:
         given = [*x[:fixed], *state, *(rows[i] for rows in x[fixed + carried :])]
-        result = _closed(graph, params["jaxpr"], given)
+        result = values_of(graph, params["jaxpr"], given)
         state = result[:carried]
         steps.append(result[carried:])
     if params["reverse"]:
         steps.reverse()
     return [*state, *(np.stack(rows) for rows in zip(*steps, strict=True))]
+
+
+def _remainder(graph: Graph, equation: Any, a: Values, b: Values) -> Values:
+    """a − b trunc(a/b), of the sign of a."""
+
+    def remainder(x: int, y: int) -> int:
+        return graph.sub(x, graph.mul(y, graph.apply(Op.TRUNC, graph.div(x, y))))
+
+    return _each(remainder, a, b)
 
 
 def _power(graph: Graph, equation: Any, x: Values) -> Values:
@@ -336,6 +335,7 @@ RULES: dict[str, Callable] = {
     },
     "div": _quotient,
     "square": lambda graph, equation, x: _each(graph.mul, x, x),
+    "rem": _remainder,
     "integer_pow": _power,
     "rsqrt": _inverse_root,
     "sign": _sign,
