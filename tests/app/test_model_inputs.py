@@ -110,8 +110,10 @@ def test_training_gets_the_paths_of_all_datasets_and_of_fresh_shapes(
     assert len(given["data"].commands) == len(places)
     assert np.array_equal(given["block"].previous, previous(paths.frames))
     assert np.array_equal(given["block"].commands, paths.frames.commands)
-    _, _, images, _, inputs = given["exported"]
+    _, _, images, _, inputs, (learned, beside) = given["exported"]
     own, before = split.validation, previous(paths.frames)
+    assert np.array_equal(learned, paths.frames.images[split.train])
+    assert np.array_equal(beside.commands, paths.frames.commands[split.train])
     assert np.array_equal(images, paths.frames.images[own])
     assert np.array_equal(inputs.history[:, 1], paths.frames.images[before[before[own]]])
     assert np.array_equal(inputs.commands, paths.frames.commands[own])

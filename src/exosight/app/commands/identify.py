@@ -47,8 +47,8 @@ def identify(
 
     Examples:
       exosight identify pictures --loads loads.csv --out my_rig.toml
-      exosight identify pictures --loads kpa.csv --gain "0.05 N/kPa" --out my_rig.toml
-      exosight identify masks --masks --loads loads.csv --system thumb.toml --out my_thumb.toml
+      exosight identify pictures --loads p.csv --gain "0.05 N/kPa" --out my_rig.toml
+      exosight identify masks --masks --loads u.csv --system arm.toml --out rig.toml
 
     Args:
         pictures: folder of pictures, gray ones as exosight renders them, or masks
