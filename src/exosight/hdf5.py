@@ -14,7 +14,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from exosight.errors import DataError
+from exosight.errors import DataError, ExosightError
 
 LARGEST_BLOCK = 2**28
 """Largest part of an array that is unpacked at once [bytes]."""
@@ -44,11 +44,18 @@ def opened(content: BufferedIOBase, name: object, what: str, user_block: int = 0
     what         it is expected to be
     user_block   bytes of something else that it may begin with
     """
-    try:
+    with read_errors(name, what):
         _check_heaps(content, user_block)
         with h5py.File(content, "r") as file:
             yield file
-    except DataError:
+
+
+@contextmanager
+def read_errors(name: object, what: str) -> Iterator[None]:
+    """Whatever h5py raises for a damaged file, as DataError; arguments as of `opened`."""
+    try:
+        yield
+    except ExosightError:
         raise
     # HDF5 and h5py raise these for damaged files; a shape may also be more than memory can hold.
     except (

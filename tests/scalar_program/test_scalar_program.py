@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exosight.scalar_program import Unsupported, unroll
+from exosight.scalar_program import Unsupported, call_unrolled, unroll
 
 SAME = 1e-14
 """Some units in the last place: sums are taken in another order, and products fused into them."""
@@ -141,6 +141,18 @@ def test_what_the_first_arguments_decide_is_computed_once() -> None:
     together = unroll(lambda ab: (jnp.sin(ab[0] @ ab[0] @ ab[0]) @ ab[1],), [(a, b)])
     assert len(staged.stages[1].code) < 0.2 * len(together.stages[0].code)
     assert len(staged.stages[0].outputs) == 36  # the matrix is all that is handed on
+
+
+@pytest.mark.parametrize("divisor", [3, 49])  # 49 times the nearest number to 1/49 is less than 1
+def test_truth_values_and_whole_numbers_keep_their_kinds(divisor: int) -> None:
+    def function(x: jax.Array, count: jax.Array, flag: jax.Array) -> tuple[jax.Array, ...]:
+        return jnp.where(flag, x, -x), count % divisor, ~flag & (x > 0)
+
+    for count, flag in [(divisor, True), (-divisor, False), (5 * divisor + 2, True), (-1, False)]:
+        given = jnp.array([0.5, -0.5]), jnp.array(count), jnp.array(flag)
+        for found, expected in zip(call_unrolled(function, *given), function(*given), strict=True):
+            assert found.dtype == expected.dtype
+            np.testing.assert_array_equal(found, expected)
 
 
 def test_more_values_than_short_numbers_can_count() -> None:

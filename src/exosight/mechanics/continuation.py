@@ -57,12 +57,13 @@ def stepper(
             jnp.asarray(state.q), jnp.asarray(segment.load(state.t)), state.memories
         )
         seen = evaluator.call(_assessed(robot.conservative), limits, segment, now, there)
-        # Of the descent, and of the point.
-        before = state.descent.here
-        kept = _chosen(seen.accepted, _matrices(there), _matrices(before))
-        hessian, coupling = _chosen(state.phase == DESCEND, kept, _matrices(there))
-        flow = _flow(robot.conservative, limits[0], evaluator.solve, kept[0], seen)
-        free = evaluator.step_fraction(pose, jnp.where(seen.flowing, flow.step, seen.onwards))
+        before, descending, arrived = state.descent.here, state.phase == DESCEND, seen.verdict.arrived
+        kept = _chosen(seen.accepted, _matrices(there), _matrices(before))  # of the descent
+        hessian, coupling = _chosen(descending, kept, _matrices(there))  # of the point
+        wanted = descending & seen.accepted & ~arrived
+        flow = _flow(robot.conservative, limits[0], evaluator.solve, kept[0], seen, wanted)
+        going = jnp.where(descending, flow.step, seen.correction)
+        free = evaluator.step_fraction(pose, jnp.where(arrived, seen.tangent, going))
         now = now._replace(descent=now.descent._replace(here=_without_matrices(before)))
         now, entry = evaluator.call(
             _advanced(robot.conservative), limits, segment, now, remembered, seen, flow, free
@@ -101,8 +102,7 @@ class Seen(NamedTuple):
 
     moved, accepted   a descent there, and whether the trial point is a step of it
     tangent           dq/dt from here on
-    onwards           the tangent if arrived, else Newton's step, at a load or along the branch
-    flowing, wanted   the step of a descent is taken in its place; it is to be found
+    correction        Newton's step, at a load or along the branch
     """
 
     point: Point
@@ -110,9 +110,7 @@ class Seen(NamedTuple):
     moved: Descent
     accepted: Bool[AnyArray, ""]
     tangent: Float[AnyArray, " dofs"]
-    onwards: Float[AnyArray, " dofs"]
-    flowing: Bool[AnyArray, ""]
-    wanted: Bool[AnyArray, ""]
+    correction: Float[AnyArray, " dofs"]
 
 
 @cache
@@ -133,16 +131,13 @@ def _assessed(conservative: bool) -> Callable[..., Seen]:
         point = linearise(state, problem, segment, q, here, residual)
         verdict = judge(state, problem, segment, point)
         tangent = point.response @ jnp.where(verdict.at_load, segment.following, segment.span)
-        correction = jnp.where(state.phase == ALONG, point.bordered.q, point.newton)
         return Seen(
             point._replace(here=_without_matrices(point.here)),
             verdict,
             moved._replace(here=_without_matrices(moved.here)),
             accepted,
             tangent,
-            onwards=jnp.where(verdict.arrived, tangent, correction),
-            flowing=descending & ~verdict.arrived,
-            wanted=descending & accepted & ~verdict.arrived,
+            correction=jnp.where(state.phase == ALONG, point.bordered.q, point.newton),
         )
 
     return assess
@@ -163,7 +158,6 @@ def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entr
     ) -> tuple[ContinuationState, Entry]:
         problem = _problem(conservative, limits)
         point, verdict, moved = seen.point, seen.verdict, seen.moved
-        correction = jnp.where(state.phase == ALONG, point.bordered.q, point.newton)
         by_t = segment.span @ point.here.load_gradient
         going = (state.phase == DESCEND) & seen.accepted & ~state.descent.fresh & ~descent.near_rest(moved)
         moved_on = verdict.arrived | going
@@ -174,7 +168,7 @@ def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entr
         state, entry = _settle(state, problem, segment, point, verdict, moved, seen.tangent)
         # What is remembered changes the forces of a descent, so they are found again at the same pose.
         again = going if remembered else jnp.array(False)
-        ways = Directions(correction, *flow, seen.accepted, free, by_t, again)
+        ways = Directions(seen.correction, *flow, seen.accepted, free, by_t, again)
         return next_trial(state, problem, point, verdict, ways), entry
 
     return advance
@@ -187,14 +181,19 @@ def _problem(conservative: bool, limits: tuple) -> Problem:
 
 
 def _flow(
-    conservative: bool, metric: Metric, solve: Solve, hessian: Float[AnyArray, "dofs dofs"], seen: Seen
+    conservative: bool,
+    metric: Metric,
+    solve: Solve,
+    hessian: Float[AnyArray, "dofs dofs"],
+    seen: Seen,
+    wanted: Bool[AnyArray, ""],
 ) -> Flow:
-    """How a descent goes on from here."""
+    """How a descent goes on from here; `wanted`: whether one does."""
     moved, point = seen.moved, seen.point
     if conservative:
         saddle = point.converged & ~point.stable
         step, shift = descent.direction(
-            moved, metric, solve, hessian, point.newton, point.stable, saddle, seen.wanted
+            moved, metric, solve, hessian, point.newton, point.stable, saddle, wanted
         )
     else:
         shortened = jnp.minimum(1.0, moved.radius / jnp.maximum(metric.size(point.newton), 1e-300))

@@ -24,6 +24,10 @@ MARGIN = 0.02
 """How far before a corner to look for the last equilibrium first, relative to the way there."""
 
 
+BEYOND = 8.0
+"""How much longer than the step over a corner, which is short, the one after it is."""
+
+
 class Directions(NamedTuple):
     """Where the point's linear algebra leads.
 
@@ -123,7 +127,7 @@ def next_trial(
         growth=jnp.where(
             plan.failed,
             jnp.where(plan.at_corner, 2 * MARGIN, 1.0),
-            jnp.where(verdict.arrived, jnp.where(state.growth < 1, 8.0, 2.0), state.growth),
+            jnp.where(verdict.arrived, jnp.where(state.growth < 1, BEYOND, 2.0), state.growth),
         ),
         previous=jax.tree.map(
             lambda gone, now: jnp.where(begun | (whole < 1), gone, now),

@@ -16,9 +16,9 @@ import h5py
 import numpy as np
 
 from exosight.dataset.matlab import read_mat
-from exosight.errors import DataError, ExosightError, InputError
+from exosight.errors import DataError, InputError
 from exosight.files import open_file
-from exosight.hdf5 import opened, whole_array
+from exosight.hdf5 import opened, read_errors, whole_array
 from exosight.rig.pictures import Gray
 from exosight.rig.table import ReadingTable, TableColumn, column_of
 
@@ -164,7 +164,7 @@ def open_mat(
     """
     stack = ExitStack()
     try:
-        with _readable(path):
+        with read_errors(path, "a .mat file"):
             variables = _variables(path, stack)
         name = images or _only_pictures(path, variables)
         found = variables.get(name)
@@ -176,30 +176,11 @@ def open_mat(
         lengths = {rows} if rows is not None else _lengths(variables, name)
         chosen = _order(path, name, found.shape, order, lengths)
         count = found.shape[chosen.index("N")]
-        with _readable(path):
+        with read_errors(path, "a .mat file"):
             table = ReadingTable(str(path), tuple(_columns(variables, name, count)))
         yield MatPictures(path, name, found, chosen), table
     finally:
         stack.close()  # not told of exceptions, which HDF5 would take for its own
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Whatever a damaged file makes h5py raise, as DataError."""
-    try:
-        yield
-    except ExosightError:
-        raise
-    except (
-        OSError,
-        LookupError,
-        RuntimeError,
-        ValueError,
-        TypeError,
-        AttributeError,
-        ArithmeticError,
-    ) as error:
-        raise DataError(f"{path}: damaged, or not a .mat file ({error})") from error
 
 
 def _variables(path: Path, stack: ExitStack) -> Variables:

@@ -23,7 +23,7 @@ class Video:
         self.notes: list[str] = []
         self._capture: Any = None
         self._next = 0
-        capture = self._opened()
+        capture = open_video(path)
         times = []
         try:
             while capture.grab():
@@ -56,7 +56,7 @@ class Video:
         """A frame; those before it are passed over."""
         if self._capture is None or place < self._next:
             self.close()
-            self._capture, self._next = self._opened(), 0
+            self._capture, self._next = open_video(self._path), 0
         reached = all(self._capture.grab() for _ in range(place + 1 - self._next))
         picture = self._capture.retrieve()[1] if reached else None
         self._next = place + 1
@@ -69,6 +69,3 @@ class Video:
         if self._capture is not None:
             self._capture.release()
             self._capture = None
-
-    def _opened(self) -> Any:
-        return open_video(self._path)

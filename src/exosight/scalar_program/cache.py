@@ -36,6 +36,8 @@ def kept_programs(
 
     stages   numbers of arguments and of results of each
     """
+    if not _folder():
+        return list(make())
     made: list[Program] = []
 
     def encoded() -> bytes:
@@ -46,12 +48,17 @@ def kept_programs(
     return made or _decoded(content)
 
 
+def _folder() -> str | None:
+    """That of JAX; None where it keeps nothing."""
+    return jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue] - made at run time
+
+
 def kept_bytes(name: str, make: Callable[[], bytes]) -> bytes:
     """The content of a file of this name, made if there is none, or if it is damaged.
 
     It ends in the SHA-256 of what is before.
     """
-    folder = jax.config.jax_compilation_cache_dir  # pyright: ignore[reportAttributeAccessIssue] - made at run time
+    folder = _folder()
     if not folder:
         return make()
     file = Path(folder) / FOLDER / name

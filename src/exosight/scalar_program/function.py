@@ -46,7 +46,7 @@ class Unrolled:
         leaves, structure = jax.tree.flatten(shapes)
         parts, at = [], 0
         for leaf in leaves:
-            parts.append(values[at : at + leaf.size].reshape(leaf.shape))
+            parts.append(values[at : at + leaf.size].reshape(leaf.shape).astype(leaf.dtype))
             at += leaf.size
         return jax.tree.unflatten(structure, parts), values[at:]
 
@@ -87,31 +87,24 @@ def call_unrolled(function: Callable, *arguments: Any) -> Any:
     arguments   arrays in any structure: numbers, whole numbers and truth values
     """
     leaves, structure = jax.tree.flatten(arguments)
-    kinds = tuple((jnp.shape(x), jnp.result_type(x)) for x in leaves)
-    program = _program(function, structure, kinds)
+    program = _program(function, structure, tuple((jnp.shape(x), jnp.result_type(x)) for x in leaves))
     if program is None:
         return function(*arguments)
-    unrolled, results = program
-    found, _ = unrolled(0, None, [jnp.asarray(x, float) for x in leaves])
-    return jax.tree.map(lambda value, like: value.astype(like.dtype), found, results)
+    return program(0, None, [jnp.asarray(x, float) for x in leaves])[0]
 
 
 @lru_cache(maxsize=64)
 def _program(
     function: Callable, structure: Any, kinds: Sequence[tuple[tuple[int, ...], Any]]
-) -> tuple[Unrolled, Any] | None:
-    """The program of a function of arrays, and what its results look like; None where there is none."""
+) -> Unrolled | None:
+    """The program of a function of arrays, given as numbers; None where there is none."""
 
-    def original(leaves: list[Array]) -> Any:
+    def of_numbers(leaves: list[Array]) -> tuple[Any]:
         given = [x.astype(dtype) for x, (_, dtype) in zip(leaves, kinds, strict=True)]
-        return function(*jax.tree.unflatten(structure, given))
+        return (function(*jax.tree.unflatten(structure, given)),)
 
-    def in_numbers(leaves: list[Array]) -> tuple[Any]:
-        return (jax.tree.map(lambda x: jnp.asarray(x, float), original(leaves)),)
-
-    numbers = [np.zeros(shape) for shape, _ in kinds]
     try:
-        return unroll(in_numbers, [numbers]), jax.eval_shape(original, numbers)
+        return unroll(of_numbers, [[np.zeros(shape) for shape, _ in kinds]])
     except Unsupported:
         return None
 

@@ -113,10 +113,10 @@ def _scan(graph: Graph, equation: Any, *x: Values) -> list[Values]:
 
 
 def _remainder(graph: Graph, equation: Any, a: Values, b: Values) -> Values:
-    """a − b trunc(a/b), of the sign of a."""
+    """a − b trunc(a/b), of the sign of a; truly divided, as 49 times the nearest to 1/49 is less than 1."""
 
     def remainder(x: int, y: int) -> int:
-        return graph.sub(x, graph.mul(y, graph.apply(Op.TRUNC, graph.div(x, y))))
+        return graph.sub(x, graph.mul(y, graph.apply(Op.TRUNC, graph.apply(Op.DIV, x, y))))
 
     return _each(remainder, a, b)
 

@@ -181,15 +181,7 @@ def fit(problem: Problem, done: Callable[[int], None] = lambda pictures: None) -
 
     Raises ConvergenceError if no pose of the first picture is found.
     """
-    x = _placed(problem)
-    system = problem.numbers(x).system
-    pose, stable = relaxed(
-        system, problem.commands[:1], at_rest(system)[None], np.zeros_like(problem.commands[:1])
-    )
-    if not stable[0]:
-        raise ConvergenceError(
-            "no stable pose at the first picture's command; check the loads and their unit"
-        )
+    x, pose = _placed(problem)
     state = _state(problem, x, pose, LARGEST_NOISE)
     count, rested = len(problem.pictures), False
     for k in range(1, count + 1):
@@ -215,14 +207,23 @@ def refitted(problem: Problem, start: Fit) -> tuple[Fit, bool]:
     return _search(problem, _state(problem, start.x, q, start.noise), STEPS)
 
 
-def _placed(problem: Problem) -> Float[np.ndarray, " unknowns"]:
-    """The prior's middle, but the camera so that the first outline has the model's place and extent."""
+def _placed(
+    problem: Problem,
+) -> tuple[Float[np.ndarray, " unknowns"], Float[np.ndarray, "1 dofs"]]:
+    """The prior's middle, but the camera so that the first outline has the model's place and extent.
+
+    Second, the pose of the first picture there, which no camera changes; ConvergenceError if there is none.
+    """
     x = np.zeros(problem.unknowns)
     system = problem.nominal
     found = problem.measured.outlines[0].points
-    pose, _ = relaxed(
+    pose, stable = relaxed(
         system, problem.commands[:1], at_rest(system)[None], np.zeros_like(problem.commands[:1])
     )
+    if not stable[0]:
+        raise ConvergenceError(
+            "no stable pose at the first picture's command; check the loads and their unit"
+        )
     model = predicted_outline(system, pose[0], system.camera).points
     camera = system.camera
     ratio = np.linalg.norm(found.std(axis=0)) / np.linalg.norm(model.std(axis=0))
@@ -238,7 +239,7 @@ def _placed(problem: Problem) -> Float[np.ndarray, " unknowns"]:
         for name, value in wanted.items():
             if each.entry.startswith("cameras.") and each.entry.endswith(name):
                 x[i] = each.x(value / each.metres)
-    return x
+    return x, pose
 
 
 def _state(
