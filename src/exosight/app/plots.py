@@ -15,6 +15,7 @@ from exosight.control.replay import Replay
 from exosight.control.trials import Trial
 from exosight.evaluation.figures import Curve, Panel, curves, to_bytes
 from exosight.files import write_new_file
+from exosight.system.motion import SystemMotion
 from exosight.system.schema import Schema
 from exosight.system.simulation import SystemStates
 from exosight.system.system import System
@@ -31,7 +32,10 @@ def write_plot(figure: Figure, path: Path) -> None:
 
 
 def plot_path(
-    system: System, states: SystemStates, profiles: Mapping[str, np.ndarray], lost: Sequence[bool]
+    system: System,
+    states: SystemStates | SystemMotion,
+    profiles: Mapping[str, np.ndarray],
+    lost: Sequence[bool],
 ) -> Figure:
     """The readings of a system over its command, of several channels over the number of the load, or over
     the time; and the force per length along its tubes.

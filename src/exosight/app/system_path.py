@@ -14,6 +14,7 @@ from exosight.evaluation.tables import Column, Table
 from exosight.exosuit.catalogue import find_system
 from exosight.exosuit.shapes import TABLE_I
 from exosight.system.designs import FileDesigns
+from exosight.system.motion import SystemMotion, simulate_motion
 from exosight.system.schema import Schema, schema_to_dict
 from exosight.system.simulation import SystemStates, simulate_path, simulate_system
 from exosight.system.system import System
@@ -25,13 +26,15 @@ def simulated_path(
     u: Sequence[float] | None,
     commands: Sequence[str] | None,
     time: Sequence[float] | None = None,
-) -> tuple[System, SystemStates]:
-    """A preset or system file, and its equilibria.
+    motion: float | None = None,
+) -> tuple[System, SystemStates | SystemMotion]:
+    """A preset or system file, and its equilibria or motion.
 
     exosuit    of a preset
     u          of a system with one channel: its commands
     commands   texts such as "left=2,right=0.5"; by default each channel from 0 to the far end of its range
     time       when each is reached [s], see `simulate_path`; by default each is approached from rest
+    motion     with inertia, reported every so many seconds, see `simulate_motion`
 
     Raises InputError for a system that is none, options of an exosuit, commands or times that are not its
     own; ConvergenceError for a path in time without a stable equilibrium.
@@ -41,13 +44,17 @@ def simulated_path(
         exosuit.refuse("the system file says it itself")
     system = nominal_system(designs, exosuit.exosuit(TABLE_I, name))
     path = _commands(system.schema, u, commands)
+    if motion is not None:
+        if time is None:
+            raise InputError("--motion: expected --time with it: when each command is reached [s]")
+        return system, simulate_motion(system, path, np.array(time, float), motion)
     if time is not None:
         return system, simulate_path(system, path, times=np.array(time, float))
     return system, simulate_system(system, path)
 
 
-def path_values(system: System, states: SystemStates) -> dict[str, Any]:
-    """The equilibria of a system as plain numbers."""
+def path_values(system: System, states: SystemStates | SystemMotion) -> dict[str, Any]:
+    """The equilibria of a system, or its motion, as plain numbers."""
     return {
         "system": system.name,
         "schema": schema_to_dict(system.schema),
@@ -58,24 +65,24 @@ def path_values(system: System, states: SystemStates) -> dict[str, Any]:
 def path_table(result: dict[str, Any]) -> Table:
     """The same as a table: commands, readings, whether the equilibrium was found."""
     schema, records = result["schema"], result["path"]
-    timed = "time" in records[0]
+    timed, moving = "time" in records[0], "steps" in records[0]
     columns = (
         *([Column("time", "s")] if timed else []),
         *(Column(each["name"], each["unit"]) for each in schema["channels"]),
         *(Column(each["name"], each["unit"], digits=3) for each in schema["sensors"]),
-        Column("ok"),
-        Column("its"),
+        *([] if moving else [Column("ok"), Column("its")]),
     )
     rows = tuple(
         (
             *([f"{record['time']:g}"] if timed else []),
             *(f"{value:g}".replace("-", "−") for value in record["commands"].values()),
             *record["readings"].values(),
-            "yes" if record["converged"] else "NO",
-            record["iterations"],
+            *([] if moving else ["yes" if record["converged"] else "NO", record["iterations"]]),
         )
         for record in records
     )
+    if moving:
+        return Table("path", f"Motion of {result['system']}", columns, rows, "from rest at 0 s, with inertia")
     note = "ok: stable equilibrium; its: evaluations"
     return Table("path", f"Equilibria of {result['system']}", columns, rows, note)
 
@@ -117,8 +124,8 @@ def _command(text: str, names: Sequence[str]) -> list[float]:
     return list(values.values())
 
 
-def _record(system: System, states: SystemStates, i: int) -> dict[str, Any]:
-    schema, found, seen = system.schema, states.equilibria, states.observation
+def _record(system: System, states: SystemStates | SystemMotion, i: int) -> dict[str, Any]:
+    schema, seen = system.schema, states.observation
     readings = seen.readings[i].tolist()
     zones = zip(system.zones, seen.forces[i], seen.normals[i], strict=True)
     return {
@@ -133,8 +140,24 @@ def _record(system: System, states: SystemStates, i: int) -> dict[str, Any]:
             }
             for zone, force, normal in zones
         },
+        **(_of_motion(states, i) if isinstance(states, SystemMotion) else _of_equilibrium(states, i)),
+    }
+
+
+def _of_equilibrium(states: SystemStates, i: int) -> dict[str, Any]:
+    found = states.equilibria
+    return {
         "converged": bool(found.converged[i]),
         "residual": finite_or_none(float(found.residual[i])),
         "min_eigenvalue": finite_or_none(float(found.min_eigenvalue[i])),
         "iterations": int(found.iterations[i]),
     }
+
+
+def _of_motion(states: SystemMotion, i: int) -> dict[str, Any]:
+    """The energies [J]: kinetic + potential + dissipated − supplied is constant but for the steps' error."""
+    found = states.trajectories
+    energies = {
+        name: float(getattr(found, name)[i]) for name in ("kinetic", "potential", "dissipated", "supplied")
+    }
+    return {"converged": bool(found.converged[i]), "energies": energies, "steps": int(found.steps[i])}

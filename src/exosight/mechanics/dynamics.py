@@ -123,8 +123,9 @@ def evolve(
         states = _integrated([robots[i] for i in rows], times, loads, starts[:, rows], options, stopped)
         if np.any(states.failed[: len(group), 0]):
             number = group[int(np.argmax(states.failed[: len(group), 0]))]
+            which = f"robots[{number}]" if len(robots) > 1 else "motion"
             raise InputError(
-                f"robots[{number}]: no finite acceleration at the start: some coordinate moves no "
+                f"{which}: no finite acceleration at the start: some coordinate moves no "
                 "mass; give links mass or inertia, rods a density"
             )
         done(len(group))

@@ -92,7 +92,8 @@ def _contact(description: Description, name: str, surfaces: Mapping[str, Surface
         raise InputError(f"contacts.{name}: expected {right}, not {wrong}, for contact of {of}")
     stiffness = table.stiffness or table.line_stiffness or 1 / sum(1 / each for each in soft)
     friction = None if table.friction is None else floats(table.friction)
-    return Contact(name, first.name, second.name, floats(stiffness), friction)
+    damping = None if table.damping is None else floats(table.damping)
+    return Contact(name, first.name, second.name, floats(stiffness), friction, damping)
 
 
 def _rank(side: Surface, description: Description) -> int:

@@ -80,6 +80,7 @@ def _rod(name: str, table: RodTable) -> Rod:
         young=table.young,
         poisson=table.poisson,
         density=table.density,
+        viscosity=table.viscosity,
         strains={strain: NodalQuadratic(table.elements) for strain in table.strains},
         quadrature=rod_points(table),
         parent=table.parent,
@@ -127,7 +128,7 @@ def _joint(table: JointTable) -> Joint:
         return Fixed()
     limits = (-np.inf, np.inf) if table.range is None else table.range
     held = 0.0 if table.range is None else table.limit_stiffness
-    springs = Springs(stiffness=table.stiffness, limits=limits, limit_stiffness=held)
+    springs = Springs(stiffness=table.stiffness, limits=limits, limit_stiffness=held, damping=table.damping)
     if table.type == "universal":
         return Universal(**springs)
     if table.type == "spherical":

@@ -17,6 +17,7 @@ from exosight.system.schema import Component
 from exosight.system.units import (
     Acceleration,
     Angle,
+    ContactDamping,
     Density,
     Distance,
     Force,
@@ -24,9 +25,11 @@ from exosight.system.units import (
     Mass,
     Modulus,
     Roll,
+    RotaryDamping,
     RotaryStiffness,
     Stiffness,
     Time,
+    Viscosity,
 )
 from exosight.validation import CONFIG, Name, check_unique
 
@@ -103,9 +106,11 @@ class JointTable:
     range: tuple[Angle, Angle] | None = None
     limit_stiffness: RotaryStiffness = 5.0
     """of the quadratic penalty beyond the range"""
+    damping: RotaryDamping = 0.0
+    """acts in motions with inertia"""
 
     def __post_init__(self) -> None:
-        springs = ("stiffness", "range", "limit_stiffness")
+        springs = ("stiffness", "range", "limit_stiffness", "damping")
         _refuse_unused(
             self, {"revolute": ("axis", *springs), "universal": springs, "spherical": springs, "fixed": ()}
         )
@@ -164,6 +169,8 @@ class RodTable:
     density: Density = 0.0
     relaxation: Annotated[tuple[RelaxationTable, ...], Field(max_length=16)] = ()
     """Prony series of a viscoelastic rod; acts where times are given"""
+    viscosity: Viscosity = 0.0
+    """Kelvin–Voigt: stress a rate of strain; acts in motions with inertia"""
     strains: Annotated[tuple[Strain, ...], Field(min_length=1, max_length=6)] = ("bend_y", "stretch_x")
     """that it can take"""
     elements: Annotated[int, Field(ge=1, le=64)] = 5
@@ -221,6 +228,9 @@ class ContactTable:
     """of rods: force a length and a depth; without: π/4 young/(1 − poisson²) of the rods, in series"""
     friction: Annotated[float, Field(ge=0, le=10)] | None = None
     """Coulomb's coefficient; without: no friction"""
+    damping: ContactDamping | None = None
+    """Hunt and Crossley's: share of the normal force a speed of approach; acts in motions with inertia;
+    without: none"""
 
 
 @dataclass(frozen=True, config=CONFIG)

@@ -8,8 +8,10 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from exosight.arrays import AnyArray
 from exosight.errors import ConvergenceError, InputError
 from exosight.mechanics import Equilibria, State, drive
+from exosight.mechanics.term import Memories
 from exosight.system.observation import Observation, observe
 from exosight.system.system import System, stack_systems
 
@@ -35,10 +37,20 @@ class SystemStates(NamedTuple):
     observation: Observation
     times: Times | None = None
 
+    @property
+    def q(self) -> Float[AnyArray, "commands dofs"]:
+        """Coordinates."""
+        return self.equilibria.q
+
+    @property
+    def history(self) -> Memories:
+        """What terms with a memory remember."""
+        return self.equilibria.history
+
     def state(self, system: System, step: int) -> State:
         """The system at one of the commands, as a path may start from."""
         q, *history = (part[step][None] for part in (self.equilibria.q, *self.equilibria.history))
-        return State(q, _loads(system, self.commands, self.times)[step : step + 1], tuple(history))
+        return State(q, timed_loads(system, self.commands, self.times)[step : step + 1], tuple(history))
 
 
 def simulate_path(
@@ -54,11 +66,17 @@ def simulate_path(
     Raises InputError for no command, one outside the range of its channel, or times that fall or have no
     effect; ConvergenceError if there is no stable equilibrium on the way to some command.
     """
-    commands = _checked(system, commands)
+    commands = checked_commands(system, commands)
     if times is None:
         found = jax.tree.map(lambda leaf: leaf[0], drive([system.robot], system.loads(commands), state=state))
     else:
-        found = _relaxing(system, commands, _checked_times(system, commands, state, times), state)
+        if not system.relaxations:
+            raise InputError(
+                f"time: no rod of {system.name} relaxes, so times have no effect; leave them out, ask for a "
+                "motion with inertia, or give a rod of a system file an entry relaxation"
+            )
+        start = 0.0 if state is None else float(np.asarray(state.loads)[0, -1])
+        found = _relaxing(system, commands, check_times(times, len(commands), start), state)
     if not found.converged.all():
         lost = int(np.argmin(found.converged))
         at = [
@@ -76,14 +94,14 @@ def simulate_system(system: System, commands: Commands) -> SystemStates:
 
     Raises InputError for no command, or one outside the range of its channel.
     """
-    commands = _checked(system, commands)
+    commands = checked_commands(system, commands)
     found = drive([system.robot] * len(commands), system.loads(commands)[:, None])
     return _observed(system, commands, jax.tree.map(lambda leaf: leaf[:, 0], found))
 
 
 def _relaxing(system: System, commands: Commands, times: Times, state: State | None) -> Equilibria:
     """The equilibria along a path in time, interval by interval; the last ones where one is not found."""
-    robots, loads = [system.robot_in_time], _loads(system, commands, times)
+    robots, loads = [system.robot_in_time], timed_loads(system, commands, times)
     fastest = min(float(np.min(each.time)) for each in system.relaxations)
     start = np.zeros(loads.shape[1]) if state is None else np.asarray(state.loads)[0]
     found: list[Equilibria] = []
@@ -118,30 +136,29 @@ def _shares(passed: float, fastest: float) -> Float[np.ndarray, " steps"]:
     return np.array(ends) / ends[-1]
 
 
-def _loads(system: System, commands: Commands, times: Times | None) -> Float[np.ndarray, "commands loads"]:
+def timed_loads(
+    system: System, commands: Commands, times: Times | None
+) -> Float[np.ndarray, "commands loads"]:
+    """The robot's loads [N or N m] and, where times are given, the time [s] as the last one."""
     loads = system.loads(commands)
     return loads if times is None else np.column_stack([loads, times])
 
 
-def _checked(system: System, commands: Commands) -> Commands:
+def checked_commands(system: System, commands: Commands) -> Commands:
+    """The commands; InputError for none, or one outside the range of its channel."""
     if np.ndim(commands) != 2 or not len(commands):
         raise InputError(f"commands: expected at least one row, a number a channel, got {np.shape(commands)}")
     return system.schema.check_commands(commands)
 
 
-def _checked_times(system: System, commands: Commands, state: State | None, times: Times) -> Times:
-    if not system.relaxations:
-        raise InputError(
-            f"time: no rod of {system.name} relaxes, so times have no effect; leave them out, or give a "
-            "rod of a system file an entry relaxation"
-        )
+def check_times(times: Times, commands: int, start: float = 0.0) -> Times:
+    """The times of so many commands [s]; InputError for another number, or times that fall."""
     times = np.asarray(times, float)
-    if times.shape != (len(commands),):
+    if times.shape != (commands,):
         raise InputError(
-            f"time: expected one for each of the {len(commands)} commands, got {times.size}; repeat a "
+            f"time: expected one for each of the {commands} commands, got {times.size}; repeat a "
             "command that is held"
         )
-    start = 0.0 if state is None else float(np.asarray(state.loads)[0, -1])
     if not np.isfinite(times).all() or np.any(np.diff(times, prepend=start) < 0):
         raise InputError(
             f"time: expected finite times [s] from {start:g} s on that never fall, got "

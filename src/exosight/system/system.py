@@ -11,6 +11,7 @@ from jaxtyping import Float
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.contact import SphereContact
+from exosight.mechanics.contact_damping import ContactDamping
 from exosight.mechanics.friction import friction
 from exosight.mechanics.relaxation import Relaxation
 from exosight.mechanics.rigid_contact import RigidContact
@@ -46,6 +47,7 @@ class Contact(eqx.Module):
     first, second   names of the surfaces; the same for a rod that presses on itself (static)
     stiffness       ()   of a length of a rod's tube [N/m²], else of a pair of spheres or links [N/m]
     friction        ()   Coulomb's coefficient μ [-]; None: frictionless
+    damping         ()   Hunt and Crossley's coefficient, in motions with inertia [s/m]; None: undamped
     """
 
     name: str = eqx.field(static=True)
@@ -53,6 +55,7 @@ class Contact(eqx.Module):
     second: str = eqx.field(static=True)
     stiffness: Float[AnyArray, ""]
     friction: Float[AnyArray, ""] | None = None
+    damping: Float[AnyArray, ""] | None = None
 
 
 def _contact_term(contact: Contact, surfaces: Mapping[str, Surface], tree: Tree) -> ContactTerm:
@@ -173,11 +176,18 @@ class System(eqx.Module):
 
     @property
     def robot_in_time(self) -> Robot:
-        """The same with relaxing rods; its last load, after those of the channels, is the time [s].
+        """The same with relaxing rods and damped contacts; its last load, after those of the channels, is
+        the time [s].
 
-        Without it loads change infinitely slowly, so that of the modulus nothing is left that relaxes.
+        Without it loads change infinitely slowly, so that of the modulus nothing is left that relaxes, and
+        nothing is damped.
         """
-        return Robot(self.bodies, (*self.robot.terms, *self.relaxations))
+        dampings = (
+            ContactDamping(term, contact.damping)
+            for contact, term in zip(self.contacts, self.contact_terms, strict=True)
+            if contact.damping is not None
+        )
+        return Robot(self.bodies, (*self.robot.terms, *self.relaxations, *dampings))
 
     def robot_at(self, history: Memories) -> Robot:
         """The robot with the memories of a state, in time or not; InputError for other memories."""

@@ -42,6 +42,9 @@ ROTARY_STIFFNESS = Kind(
         "N mm/deg": 0.18 / math.pi,
     },
 )
+ROTARY_DAMPING = Kind("a rotary damping", "0.001 N m s/rad", {"N m s/rad": 1.0, "mN m s/rad": 1e-3})
+VISCOSITY = Kind("a viscosity", "300 Pa s", {"Pa s": 1.0, "kPa s": 1e3})
+CONTACT_DAMPING = Kind("a damping of a contact", "0.5 s/m", {"s/m": 1.0})
 TIME = Kind("a time", "20 s", {"s": 1.0, "ms": 1e-3, "min": 60.0, "h": 3600.0})
 ACCELERATION = Kind("an acceleration", "9.81 m/s^2", {"m/s^2": 1.0})
 
@@ -55,6 +58,9 @@ KINDS = (
     TORQUE,
     STIFFNESS,
     ROTARY_STIFFNESS,
+    ROTARY_DAMPING,
+    VISCOSITY,
+    CONTACT_DAMPING,
     TIME,
     ACCELERATION,
 )
@@ -105,5 +111,8 @@ Mass = Annotated[float, BeforeValidator(to_si(MASS)), Field(ge=0, le=1e3)]
 Force = Annotated[float, BeforeValidator(to_si(FORCE)), Field(gt=0, le=1e6)]
 Stiffness = Annotated[float, BeforeValidator(to_si(STIFFNESS)), Field(gt=0, le=1e9)]
 RotaryStiffness = Annotated[float, BeforeValidator(to_si(ROTARY_STIFFNESS)), Field(ge=0, le=1e6)]
+RotaryDamping = Annotated[float, BeforeValidator(to_si(ROTARY_DAMPING)), Field(ge=0, le=1e6)]
+Viscosity = Annotated[float, BeforeValidator(to_si(VISCOSITY)), Field(ge=0, le=1e13)]
+ContactDamping = Annotated[float, BeforeValidator(to_si(CONTACT_DAMPING)), Field(ge=0, le=1e4)]
 Time = Annotated[float, BeforeValidator(to_si(TIME)), Field(ge=1e-6, le=1e9)]
 Acceleration = Annotated[float, BeforeValidator(to_si(ACCELERATION)), Field(ge=-1e4, le=1e4)]

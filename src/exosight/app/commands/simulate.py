@@ -48,6 +48,7 @@ def simulate(
     system: SystemName = PUBLISHED,
     commands: Texts = None,
     time: Numbers = None,
+    motion: Annotated[float | None, tyro.conf.arg(metavar="S")] = None,
     poses: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     plot: Plot = None,
     json: Json = None,
@@ -66,6 +67,7 @@ def simulate(
       exosight simulate --system thumb.toml --u 1 2 4
       exosight simulate --system hand.toml --commands left=2,right=0.5 left=3
       exosight simulate --system slow.toml --u 0 2 2 2 --time 0 1 10 100
+      exosight simulate --system hit.toml --u 2 2 --time 0 0.5 --motion 0.01
 
     Args:
         exosuit: the exosuit
@@ -77,6 +79,8 @@ def simulate(
         time: of a system file whose rods relax: when each load is reached [s], from rest at 0 s, one after
             the other; loads change evenly in between, at once where two times are equal. If left out,
             loads change infinitely slowly
+        motion: move with inertia, viscosity and damping, from rest at 0 s, through the commands at the
+            times of --time, and report every so many seconds
         poses: add the centreline and the radii of every body to the JSON: axis_NAME, radius_NAME [m]; and
             along every tube that is pressed on force_per_length_NAME [N/m] at the distances place_NAME [m]
         plot: draw all readings over the command, and the force per length along every tube that is pressed
@@ -87,12 +91,12 @@ def simulate(
     if poses and json is None:
         raise InputError("--poses: expected --json with it; a table has no room for them")
     check_plot(plot)
-    if system != PUBLISHED or commands is not None or time is not None:
+    if system != PUBLISHED or commands is not None or time is not None or motion is not None:
         # Here, so that --help and wrong options answer at once: JAX takes a second to import.
         from exosight.app.system_path import path_table, path_values, simulated_path
 
         with waiting(WAITING):
-            nominal, states = simulated_path(system, exosuit, u, commands, time)
+            nominal, states = simulated_path(system, exosuit, u, commands, time, motion)
         result = path_values(nominal, states)
         table = path_table(result)
         if nominal.relaxations and time is None:
@@ -114,7 +118,7 @@ def simulate(
     if poses or plot is not None:
         from exosight.system.observation import POSE_UNITS, PROFILE_UNITS, body_shapes, force_profiles
 
-        profiles = force_profiles(nominal, states.equilibria.q, states.equilibria.history)
+        profiles = force_profiles(nominal, states.q, states.history)
         if poses:
             arrays = body_shapes(nominal, states.observation.axes) | profiles
             _add_arrays(result, arrays, POSE_UNITS | PROFILE_UNITS)
