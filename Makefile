@@ -43,6 +43,7 @@ figures: .venv/ready-test
 	$(BIN)/python docs/figures_stress.py
 	$(BIN)/python docs/figures_accuracy.py
 	$(BIN)/python docs/figures_surface_contact.py
+	$(BIN)/python docs/figures_identification.py
 	$(BIN)/python docs/figures_animation.py
 	$(BIN)/python docs/tables.py
 	$(BIN)/python tools/dependencies.py

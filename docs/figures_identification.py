@@ -1,0 +1,117 @@
+"""Figure and table of docs/identification.md, of what `python -m benchmarks.identification` found."""
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import figures_control as control
+import numpy as np
+from _parts.pages import fill, save, table_of
+from jaxtyping import Float
+from matplotlib.figure import Figure
+
+from exosight.evaluation.figures.style import BLUE, GRAY, GREEN, VERMILION, new_figure, styled
+
+HERE = control.HERE
+PAGE, IMAGE = HERE / "identification.md", control.IMAGES / "identification.png"
+RESULT = HERE / "results" / "identification.json"
+CASES = ("loads in newtons", "one force reading", "neither")
+PANELS = (
+    ("Young's modulus [kPa]", 1e-3, ("rods.exosuit.young",)),
+    ("joint stiffness [mN m/rad]", 1e3, tuple(f"links.finger_{i}.joint.stiffness" for i in range(3))),
+    ("length of a link [mm]", 1e3, tuple(f"links.finger_{i}.length" for i in range(3))),
+    ("roll of the camera [deg]", 180 / np.pi, ("cameras.camera.roll",)),
+)
+COLOURS = (BLUE, VERMILION, GREEN)
+MARKERS = "os^"
+
+Row = dict[str, Any]
+
+
+def load() -> list[Row]:
+    """Every case of every rig."""
+    return json.loads(RESULT.read_text(encoding="utf-8"))["rows"]
+
+
+def estimates(rows: list[Row], entry: str) -> Float[np.ndarray, "4 rigs"]:
+    """True, found, low and high value of a parameter."""
+    return np.array([row["true, found, low, high"][entry] for row in rows]).T
+
+
+@styled
+def picture(rows: list[Row]) -> Figure:
+    """Found over true values with 95 % intervals, loads in newtons."""
+    rows = [row for row in rows if row["case"] == "loads in newtons"]
+    figure = new_figure(height=5.6, width=6.4)
+    for axes, (name, scale, entries) in zip(figure.subplots(2, 2).flat, PANELS, strict=True):
+        ends: list[float] = []
+        for number, entry in enumerate(entries):
+            true, found, low, high = scale * estimates(rows, entry)
+            axes.errorbar(
+                true,
+                found,
+                (found - low, high - found),
+                fmt=MARKERS[number],
+                color=COLOURS[number],
+                markersize=3,
+                linewidth=0.8,
+                label=("proximal", "middle", "distal")[number] if len(entries) > 1 else None,
+            )
+            ends += [true.min(), true.max()]
+        axes.axline((min(ends), min(ends)), slope=1, color=GRAY, linewidth=0.6, zorder=0)
+        axes.set_title(name)
+        axes.set_xlabel("true")
+        axes.set_ylabel("found, 95 % interval")
+        if len(entries) > 1:
+            axes.legend()
+    return figure
+
+
+def table(rows: list[Row]) -> str:
+    """Coverage and errors, case by case."""
+    cases = {name: [row for row in rows if row["case"] == name] for name in CASES}
+
+    def of(what: Callable[[Row], Any], digits: int = 2) -> list[str]:
+        cells = []
+        for chosen in cases.values():
+            values = np.abs(np.concatenate([np.atleast_1d(what(row)) for row in chosen]))
+            cells.append(f"{np.median(values):.{digits}f}, {np.percentile(values, 95):.{digits}f}")
+        return cells
+
+    lines = [
+        [
+            "parameters within their 95 % interval [%]",
+            *(f"{100 * inside(chosen):.1f}" for chosen in cases.values()),
+        ],
+        ["error of joint stiffness over modulus [%]", *of(lambda row: row["ratios [%]"])],
+        ["error of the camera's scale [%]", *of(lambda row: row["camera"]["scale [%]"], 3)],
+        ["its position [% of the image]", *of(lambda row: row["camera"]["shift [% of the width]"])],
+        ["its roll [deg]", *of(lambda row: row["camera"]["roll [deg]"], 3)],
+        ["error of F_net at loads between the pictures' [%]", *of(lambda row: row["force [%]"])],
+        ["time of one core [s]", *of(lambda row: row["CPU seconds"], 0)],
+    ]
+    return table_of(("median, 95th percentile", *CASES), lines)
+
+
+def inside(rows: list[Row]) -> float:
+    """Share of all parameters of all rigs whose interval holds the true value."""
+    return float(
+        np.mean(
+            [
+                low <= true <= high
+                for row in rows
+                for true, _, low, high in row["true, found, low, high"].values()
+            ]
+        )
+    )
+
+
+def main() -> None:
+    """Draw, and write the table into the page."""
+    rows = load()
+    save(picture(rows), IMAGE)
+    fill(PAGE, {"rigs": table(rows)})
+
+
+if __name__ == "__main__":
+    main()
