@@ -109,8 +109,8 @@ def drawn(number: int, worn: Exosuit) -> Rig:
         "cameras.camera.pixel": camera.metres_per_pixel,
         "cameras.camera.roll": camera.roll,
     }
-    reading = net[shown][READ] * (1 + random.normal(scale=FORCE_NOISE))
-    return Rig(camera, tuple(outlines), truth, net[~shown], reading)
+    reading = float(net[shown][READ]) * (1 + random.normal(scale=FORCE_NOISE))
+    return Rig(camera, tuple(outlines), truth, np.asarray(net[~shown]), reading)
 
 
 def in_kpa(values: Values) -> Values:
