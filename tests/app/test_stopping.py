@@ -3,9 +3,12 @@
 import signal
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import pytest
+
+from exosight.app.stopping import Stopped, stoppable
 
 PROGRAM = """
 import ctypes, signal, sys, time
@@ -71,3 +74,14 @@ def test_a_signal_ends_a_command_whatever_it_is_doing(
     assert process.returncode == 128 + kind
     assert told.splitlines()[-1] == "exosight: stopped; the same command with --resume goes on"
     assert list(tmp_path.iterdir()) == []
+
+
+def test_no_import_is_broken_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Native modules abort the process where Python raises within them; the command stops all the same."""
+    source = "import os, signal\nos.kill(os.getpid(), signal.SIGTERM)\nwhole = True\n"
+    (tmp_path / "signalled.py").write_text(source, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    whole = []
+    with pytest.raises(Stopped), stoppable(watched=False):
+        whole.append(import_module("signalled").whole)
+    assert whole == [True]

@@ -68,7 +68,7 @@ class Stop:
 
     def _came(self, number: int, frame: FrameType | None) -> None:
         self.signal = self.signal or number
-        if not self._ending.locked():
+        if not self._ending.locked() and not _imports(frame):
             raise Stopped
 
     def _watch(self, pipe: int) -> None:
@@ -81,6 +81,16 @@ class Stop:
 
 
 STOP = Stop()
+
+
+def _imports(frame: FrameType | None) -> bool:
+    """Whether a module is being imported: native ones abort the process where Python raises within them.
+
+    The thread that watches ends the process then.
+    """
+    while frame is not None and not frame.f_code.co_filename.startswith("<frozen importlib"):
+        frame = frame.f_back
+    return frame is not None
 
 
 @contextmanager
