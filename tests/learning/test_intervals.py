@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from exosight.errors import InputError
-from exosight.learning.intervals import LEVELS, calibrate_intervals, interval
+from exosight.learning.intervals import FEW, LEVELS, calibrate_intervals, interval
 
 FORCES = np.ones(7, dtype=bool)
 
@@ -50,13 +50,18 @@ def test_far_from_zero_coverage_is_not_above_the_level_either() -> None:
         assert covered == pytest.approx(level, abs=4 * np.sqrt(2 * level * (1 - level) / 20_000))
 
 
-def test_few_frames_give_wide_intervals_and_none_gives_the_estimate_itself() -> None:
-    forces, expected, truth = drawn(5, 0)
+def test_few_frames_give_wide_intervals_to_estimates_of_zero_and_of_a_force_alike() -> None:
+    forces, expected, truth = drawn(FEW + 5, 0)
     forces = forces + 1
+    forces[: FEW - 1, 0] = 0
     widths = calibrate_intervals(forces, expected, truth, FORCES)
     largest = np.max(np.abs(forces - truth) / expected, axis=0)
     assert widths.estimated_force[LEVELS.index(0.99)] == pytest.approx(largest)
-    assert widths.estimated_zero == ((0.0,) * 7,) * len(LEVELS)
+    assert widths.estimated_zero == widths.estimated_force
+    forces[FEW - 1, 0] = 0
+    own = calibrate_intervals(forces, expected, truth, FORCES).estimated_zero
+    zeros = (np.abs(forces - truth) / expected)[:FEW, 0]
+    assert own[LEVELS.index(0.99)][0] == pytest.approx(zeros.max())
 
 
 def test_a_level_that_was_not_calibrated_is_refused() -> None:

@@ -25,6 +25,7 @@ COMMANDS = {
     "import": "a dataset from pictures and readings of your own",
     "identify": "the model of a rig from pictures of it at known loads",
     "train": "a network from a dataset",
+    "adapt": "a network changed by a few labels of another set-up",
     "estimate": "contact forces from images",
     "evaluate": "accuracy of a network, beside the paper's",
     "control": "the closed loop, with a network or the true force as sensor",

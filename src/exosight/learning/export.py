@@ -27,6 +27,7 @@ from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs
 from exosight.learning.networks import SensorModel, answer_slices, answers
 from exosight.learning.ood import OodDetector, batches, fit_ood_detector
 from exosight.learning.outputs import nonnegative
+from exosight.learning.registration import Registration
 
 _TOLERANCE = 1e-5
 """Float32 keeps seven digits and a forward pass sums a few hundred terms; measured: about 5e-7 at 128×128
@@ -72,21 +73,33 @@ def export_onnx(
     forces = nonnegative(schema)
     card = _card(checkpoint, calibrate_intervals(found, error, labels, forces), ood.limit)
     _shift_contact(model, np.where(forces, contact_shift(contact, labels > 0), 0.0))
-    proto = _convert(_Deployed(model, ood).eval(), card)
-    _verify(proto, model, card)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    replace_file(path, seal(proto.SerializeToString()))
+    write_network(path, model, ood, card)
     return card
 
 
-class _Deployed(nn.Module):
-    """What goes into the file: the answers, and the OOD score."""
+def write_network(path: Path, model: SensorModel, ood: OodDetector, card: ModelCard) -> None:
+    """Write a network as an ONNX file, after checking it against ONNX Runtime.
 
-    def __init__(self, model: SensorModel, ood: OodDetector):
+    Raises DataError if the exported network answers otherwise than the given one.
+    """
+    deployed = _Deployed(model, ood, card).eval()
+    proto = _convert(deployed, card)
+    _verify(proto, deployed, card)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    replace_file(path, seal(proto.SerializeToString()))
+
+
+class _Deployed(nn.Module):
+    """What goes into the file: the view, the answers, and the OOD score."""
+
+    def __init__(self, model: SensorModel, ood: OodDetector, card: ModelCard):
         super().__init__()
         self.model, self.ood = model, ood
+        homography = torch.tensor(card.registration)
+        self.view = Registration(homography, card.schema.image_size) if card.registration else nn.Identity()
 
     def forward(self, image: Tensor, commands: Tensor | None = None) -> tuple[Tensor, ...]:
+        image = self.view(image)
         features = self.model.network.features(image, commands)
         return (*self.model.read(features), self.ood(image, features))
 
@@ -170,7 +183,7 @@ def _convert(model: nn.Module, card: ModelCard) -> onnx.ModelProto:
     return proto
 
 
-def _verify(proto: onnx.ModelProto, model: SensorModel, card: ModelCard) -> None:
+def _verify(proto: onnx.ModelProto, deployed: _Deployed, card: ModelCard) -> None:
     """Compare both networks on random images, before the limit at zero: behind it, wrong may look right."""
     unlimited = onnx.ModelProto()
     unlimited.CopyFrom(proto)
@@ -183,6 +196,7 @@ def _verify(proto: onnx.ModelProto, model: SensorModel, card: ModelCard) -> None
     before.output[0] = "forces"
     session, _ = open_session(unlimited.SerializeToString(), 1, "the exported network")
 
+    model = deployed.model
     generator, size = np.random.default_rng(0), card.schema.image_size
     given = {
         name: generator.random((8, *shape), dtype=np.float32)  # one unit of a command is as good as any
@@ -190,7 +204,8 @@ def _verify(proto: onnx.ModelProto, model: SensorModel, card: ModelCard) -> None
     }
     given["image"] *= np.linspace(0, 1, 8, dtype=np.float32)[:, None, None, None]
     with torch.inference_mode():
-        tensors = [torch.from_numpy(array) for array in given.values()]
+        image, *rest = (torch.from_numpy(array) for array in given.values())
+        tensors = [deployed.view(image), *rest]
         raw = answers(model.network(*tensors), model.network.outputs).values * model.scale
         raw = raw if model.offset is None else raw + model.offset
         expected = [raw.numpy(), model(*tensors)[1].numpy()]

@@ -3,7 +3,7 @@
 Each output's error, in units of the error that the network itself expects there, is sorted over frames that
 took no part in training; its quantile at a level is how many such units an interval of that level takes.
 Frames whose estimate of a force is zero have quantiles of their own, or else the many that are right about no
-contact would make the intervals of the others too narrow.
+contact would make the intervals of the others too narrow. Where either are too few for that, all count.
 
 Source: Lei et al., Distribution-free predictive inference for regression, doi 10.1080/01621459.2017.1307116
 (locally weighted); groups as in Vovk et al., Mondrian confidence machine.
@@ -18,6 +18,9 @@ from exosight.validation import check_name
 
 LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
 """Shares of frames whose true value an interval may be asked to hold."""
+
+FEW = 20
+"""Frames below which those whose estimate is zero, or is not, have no quantiles of their own."""
 
 Values = Float[np.ndarray, "frames outputs"]
 
@@ -43,11 +46,11 @@ def calibrate_intervals(
     """
     units = np.abs(values - truth) / expected_error
     zero = (values == 0) & nonnegative
-    widths = (
-        tuple(tuple(_quantile(units[g[:, i], i], level) for i in range(values.shape[1])) for level in LEVELS)
-        for g in (zero, ~zero)
+    columns = range(values.shape[1])
+    groups = (
+        [units[g[:, i], i] if g[:, i].sum() >= FEW else units[:, i] for i in columns] for g in (zero, ~zero)
     )
-    return Widths(*widths)
+    return Widths(*(tuple(tuple(_quantile(own, level) for own in group) for level in LEVELS) for group in groups))
 
 
 def interval(
@@ -71,8 +74,6 @@ def interval(
 
 
 def _quantile(units: Float[np.ndarray, " n"], level: float) -> float:
-    """The ⌈(n + 1) level⌉-th smallest, or the largest where there are too few; 0 where there are none."""
-    if not len(units):
-        return 0.0
+    """The ⌈(n + 1) level⌉-th smallest, or the largest where there are too few."""
     rank = min(int(np.ceil((len(units) + 1) * level)), len(units))
     return float(np.sort(units)[rank - 1])

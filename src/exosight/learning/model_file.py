@@ -82,11 +82,16 @@ class ModelCard:
     """earlier images that are inputs beside the one it reads, as further channels, the newest first"""
     actuation: bool = False
     """whether it has a second input, the commands of all channels"""
+    registration: Annotated[tuple[Finite, ...], pydantic.Field(max_length=8)] = ()
+    """the homography through which it sees pictures, as `exosight.learning.registration` has it: eight numbers, or
+    none where it sees them as they are"""
 
     def __post_init__(self) -> None:
         outputs = len(self.schema.outputs)
         if not outputs:
             raise ValueError("schema: expected a sensor to estimate, got none")
+        if len(self.registration) not in (0, 8):
+            raise ValueError(f"registration: expected eight numbers or none, got {len(self.registration)}")
         for kind in ("estimated_zero", "estimated_force"):
             rows = getattr(self.widths, kind)
             if [len(row) for row in rows] != [outputs] * len(LEVELS):

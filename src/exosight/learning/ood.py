@@ -23,6 +23,9 @@ whose score is under the limit."""
 FEW = 512
 """Unseen frames below which the map is made of those learned from: four a feature."""
 
+RIDGES = 1e-3, 1e-2, 1e-1, 1.0, 10.0
+"""Ridges to choose from when a map is changed, in units of the features' mean variance times the pictures."""
+
 _FAINT = 0.05
 """Least error that counts as usual [standard deviations of a picture]: much of it never changes at all."""
 _RIDGE = 1e-3
@@ -74,24 +77,83 @@ def fit_ood_detector(model: SensorModel, unseen: Inputs, learned: Inputs | None 
     if learned is not None:
         map_part = rest = slice(None)
     features, pictures = (part[map_part] for part in _seen(model, *(learned or unseen)))
-    mean = features.mean(0)
-    centred = features - mean
-    gram = centred.T @ centred
-    gram += _RIDGE * (gram.trace() / len(gram) + 1e-12) * torch.eye(len(gram), dtype=gram.dtype)
-    weight = torch.linalg.solve(gram, centred.T @ (pictures - pictures.mean(0)))
-    bias = pictures.mean(0) - mean @ weight
+    weight, bias = _ridge(features, pictures, _RIDGE)
     kept, loads = images[rest], None if commands is None else commands[rest]
     features, pictures = _seen(model, kept, loads)
     usual = ((pictures - features @ weight - bias) ** 2).mean(0).sqrt() + _FAINT
     found = OodDetector(weight.float(), bias.float(), usual.float(), limit=1.0)
-    noisy = add_noise(kept.reshape(-1, *kept.shape[2:]), NOISE, np.random.default_rng(0)).reshape(kept.shape)
+    found.limit = _limit(_noisy_scores(model, found, (kept, loads)))
+    return found
+
+
+def refit_ood_detector(model: SensorModel, former: OodDetector, seen: Inputs) -> OodDetector:
+    """The detector of a network that was adapted: the former map, changed as far as new pictures ask for it.
+
+    The change is a ridge regression of what the former map leaves of the pictures. Its ridge, the usual error
+    and the limit come from halves of the pictures, each with the map that was changed by the other half.
+
+    seen   pictures of the new kind, four at least
+    """
+    images, commands = seen
+    features, pictures = _seen(model, *seen)
+    left = pictures - features @ former.weight.double() - former.bias.double()
+    halves = [np.arange(len(images)) % 2 == half for half in (0, 1)]
+    parts = [torch.from_numpy(np.flatnonzero(half)) for half in halves]
+
+    def errors(ridge: float) -> list[Tensor]:
+        found = []
+        for own, other in (parts, parts[::-1]):
+            change, shift = _ridge(features[other], left[other], ridge)
+            found.append(left[own] - features[own] @ change - shift)
+        return found
+
+    ridge = min(RIDGES, key=lambda ridge: sum(float((part**2).sum()) for part in errors(ridge)))
+    squares = torch.cat(errors(ridge)) ** 2
+    usual = squares.mean(0).sqrt().float() + _FAINT
+
+    def changed(rows: Tensor) -> OodDetector:
+        change, shift = _ridge(features[rows], left[rows], ridge)
+        return OodDetector(former.weight + change.float(), former.bias + shift.float(), usual, limit=1.0)
+
+    scores = [
+        _noisy_scores(model, changed(other), (images[half], None if commands is None else commands[half]))
+        for half, other in zip(halves, parts[::-1], strict=True)
+    ]
+    found = changed(torch.arange(len(images)))
+    found.limit = _limit(np.concatenate(scores))
+    return found
+
+
+def _ridge(
+    features: Float[Tensor, "frames features"], target: Float[Tensor, "frames places"], ridge: float
+) -> tuple[Float[Tensor, "features places"], Float[Tensor, " places"]]:
+    """The linear map from features to a target, and what it adds."""
+    mean, centre = features.mean(0), target.mean(0)
+    centred = features - mean
+    gram = centred.T @ centred
+    gram += ridge * (gram.trace() / len(gram) + 1e-12) * torch.eye(len(gram), dtype=gram.dtype)
+    weight = torch.linalg.solve(gram, centred.T @ (target - centre))
+    return weight, centre - mean @ weight
+
+
+def _noisy_scores(model: SensorModel, detector: OodDetector, seen: Inputs) -> Float32[np.ndarray, " frames"]:
+    """Scores of pictures with noise."""
+    images, commands = seen
+    flat = images.reshape(-1, *images.shape[2:])
+    noisy = add_noise(flat, NOISE, np.random.default_rng(0)).reshape(images.shape)
     scores = []
     with torch.inference_mode():
-        for part, load in batches(noisy, loads):
-            scores.append(found(part, model.network.features(part, load)))
-    # Of a handful of frames it may be below zero; the score of nothing but noise is.
-    found.limit = max(1.0, float(np.quantile(torch.cat(scores).numpy(), SHARE)))
-    return found
+        for part, load in batches(noisy, commands):
+            scores.append(detector(part, model.network.features(part, load)))
+    return torch.cat(scores).numpy()
+
+
+def _limit(scores: Float32[np.ndarray, " frames"]) -> float:
+    """The score below which SHARE of them are.
+
+    Of a handful of frames it may be below zero; the score of nothing but noise is.
+    """
+    return max(1.0, float(np.quantile(scores, SHARE)))
 
 
 def batches(

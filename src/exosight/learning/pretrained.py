@@ -20,6 +20,7 @@ from exosight.errors import DataError, InputError
 from exosight.learning.checkpoint import RunIdentity
 from exosight.learning.model_file import ModelCard, open_session, read_model, sealed
 from exosight.learning.networks import Network, answer_slices
+from exosight.learning.ood import OodDetector
 from exosight.system.schema import difference
 
 _PREFIX = "model.network."
@@ -39,6 +40,8 @@ class Pretrained:
     """what one unit of each output stands for [the sensor's unit]"""
     offset: Float[Tensor, " outputs"]
     """what an output of 0 stands for [the sensor's unit]"""
+    ood: OodDetector
+    """of the features that these weights give"""
 
 
 def load_pretrained(path: Path) -> Pretrained:
@@ -70,12 +73,39 @@ def load_pretrained(path: Path) -> Pretrained:
         {name: torch.from_numpy(array.copy()) for name, array in weights.items()},
         torch.from_numpy(scale.copy()),
         torch.from_numpy(offset.copy()),
+        _detector(graph, arrays, card, path),
     )
+
+
+def _detector(
+    graph: onnx.GraphProto, arrays: Mapping[str, np.ndarray], card: ModelCard, path: Path
+) -> OodDetector:
+    """The OOD detector in a file, whose usual error stands there squared, as what the last division is by."""
+    made_by = {node.output[0]: node for node in graph.node}
+    score = made_by.get("ood_score", onnx.NodeProto(input=[""]))
+    division = made_by.get(score.input[0], onnx.NodeProto(input=["", ""]))
+    names = "ood.weight", "ood.bias", division.input[-1]
+    height, width = card.schema.image_size
+    places = height // 4 * (width // 4)
+    found = [arrays.get(name, np.full(1, np.nan)) for name in names]
+    if not (
+        all(x.shape[-1:] == (places,) and np.isfinite(x).all() for x in found)
+        and [x.ndim for x in found] == [2, 1, 1]
+        and (found[2] > 0).all()
+    ):
+        raise DataError(f"{path}: its OOD score is not that of an estimator of exosight; export it again")
+    weight, bias, squared = (torch.from_numpy(x.copy()).float() for x in found)
+    return OodDetector(weight, bias, squared.sqrt(), card.ood_limit)
 
 
 def check_pretrained(pretrained: Pretrained, identity: RunIdentity) -> None:
     """Raise InputError unless the network to start from is of the kind that is to be trained."""
     card, settings = pretrained.card, identity.settings
+    if card.registration:
+        raise InputError(
+            "pretrained: it was adapted to a camera that had moved, and sees pictures as the former one would; "
+            "start from the network that it was adapted from, or adapt it once more: exosight adapt"
+        )
     there = (card.network, card.history, card.actuation)
     asked = (settings.network, settings.history, settings.actuation)
     names = ("network", "history", "actuation")
@@ -101,6 +131,24 @@ def first_weights(
     Raises DataError if the layers are others than this version of exosight builds.
     """
     network = identity.build_network().eval()
+    unfold(pretrained, network, images, commands)
+    with torch.no_grad():
+        scale = torch.tensor(identity.output_scale)
+        own = torch.zeros_like(scale) if identity.offset is None else identity.offset
+        _rescale(network, pretrained.scale / scale, (pretrained.offset - own) / scale)
+    return {name: tensor.detach().clone() for name, tensor in network.state_dict().items()}
+
+
+def unfold(
+    pretrained: Pretrained,
+    network: Network,
+    images: Float[Tensor, "batch images height width"],
+    commands: Float[Tensor, "batch channels"] | None,
+) -> None:
+    """Give a network the weights of a file, which it then answers as, normalised around some images.
+
+    Raises DataError if the layers are others than this version of exosight builds.
+    """
     pairs = _normalised(network)
     weights = dict(pretrained.weights)
     for convolution, norm in pairs.items():
@@ -119,14 +167,13 @@ def first_weights(
                 f"{tuple(weights[name].shape)}; export the network again with this version of exosight"
             )
     network.load_state_dict(weights)
-    for norm in pairs.values():
-        network.get_submodule(norm).register_forward_pre_hook(_normalise)
+    hooks = [
+        network.get_submodule(norm).register_forward_pre_hook(_normalise) for norm in pairs.values()
+    ]
     with torch.no_grad():
         network(images, commands)
-        scale = torch.tensor(identity.output_scale)
-        own = torch.zeros_like(scale) if identity.offset is None else identity.offset
-        _rescale(network, pretrained.scale / scale, (pretrained.offset - own) / scale)
-    return {name: tensor.detach().clone() for name, tensor in network.state_dict().items()}
+    for hook in hooks:
+        hook.remove()
 
 
 def _normalised(network: Network) -> dict[str, str]:
