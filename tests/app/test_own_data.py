@@ -153,3 +153,58 @@ def test_a_second_import_leaves_out_what_the_first_keeps_for_testing(data: Path)
 @pytest.mark.parametrize("name", ["data.mat", "data.npz"])
 def test_it_is_exported_as_any_other(data: Path, tmp_path: Path, name: str) -> None:
     assert export_dataset(data, tmp_path / name) == SEQUENCES * EACH
+
+
+@pytest.fixture(scope="module")
+def adapted(data: Path, model: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """To the same pictures in a mirror: the former network reads one coordinate the wrong way round."""
+    folder = tmp_path_factory.mktemp("mirror") / "pictures"
+    folder.mkdir()
+    source = data.parent / "pictures"
+    for path in source.glob("*.png"):
+        picture = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+        assert picture is not None
+        cv2.imwrite(str(folder / path.name), np.ascontiguousarray(picture[:, ::-1]))
+    (folder / "readings.csv").write_text((source / "readings.csv").read_text())
+    main(["import", str(folder), "--out", str(folder.parent / "data"), "--system", "mirror"])
+    words = [
+        "--model",
+        str(model),
+        "--labels",
+        "16",
+        "--method",
+        "affine",
+        "--out",
+        str(folder.parent / "run"),
+    ]
+    main(["adapt", "--data", str(folder.parent / "data"), *words])
+    return folder.parent
+
+
+def test_a_network_is_adapted_and_says_before_and_after(
+    adapted: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    found = json.loads((adapted / "run" / "adaptation.json").read_text())
+    assert (found["labels"], found["test_pictures"]) == (16, 2 * EACH)
+    thumb = [next(s for s in found[when]["sensors"] if s["name"] == "thumb") for when in ("before", "after")]
+    assert thumb[0]["r"] < -0.8 < 0.8 < thumb[1]["r"]
+    place = str(adapted / "run" / "model.onnx")
+    main(["evaluate", "--data", str(adapted / "data"), "--model", place, "--json", "-"])
+    evaluated = json.loads(capsys.readouterr().out)
+    assert evaluated["frames"] == f"{2 * EACH} frames: test part by design"  # the same ones
+    row = next(row for row in evaluated["sensors"] if row["sensor"] == "thumb [N]")
+    assert row["r exosight"] == pytest.approx(thumb[1]["r"], abs=1e-6)
+
+
+def test_what_cannot_be_adapted_is_one_sentence(
+    adapted: Path, data: Path, model: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    words = ["adapt", "--data", adapted / "data", "--out", tmp_path / "out"]
+    assert "expected 0 to 128, the pictures that are not kept" in refused(
+        *words, "--model", model, "--labels", "129"
+    )
+    assert "expected pictures of the network's size, 128×128 pixels, got 32×32" in refused(*words)
+    assert "learned from this dataset divided otherwise" in refused(
+        *("adapt", "--data", data, "--out", tmp_path / "out", "--model", model, "--split-seed", "1")
+    )
+    assert not (tmp_path / "out").exists()

@@ -54,7 +54,8 @@ def test_one_homography_after_another_is_their_product() -> None:
     seen = pictures(2)
     there = registered(seen, homography(TILTED))
     back = registered(there, homography(np.linalg.inv(TILTED)))
-    # Linear interpolation is off by f''/8 a direction, f'' = 2/40 a pixel² at most; twice, and in two directions.
+    # Linear interpolation is off by f''/8 a direction, f'' = 2/40 a pixel² at most; twice, and in two
+    # directions.
     assert (back - seen)[..., 8:-8, 8:-8].abs().max() < 2 * 2 / 8 * 2 / 40 + 1e-3
 
 
@@ -67,7 +68,7 @@ def test_the_layer_shows_what_the_function_does() -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_move_within_the_range_of_the_search_is_found(seed: int) -> None:
-    """From pictures seen through a random similarity with perspective, by their difference from the former ones."""
+    """Of pictures seen through a random similarity with perspective, beside the former ones."""
     rng = np.random.default_rng(seed)
     turn, scale = rng.uniform(-0.7, 0.7) * TURN, np.exp(rng.uniform(-0.7, 0.7) * SCALE)
     cos, sin = scale * np.cos(turn), scale * np.sin(turn)

@@ -96,7 +96,8 @@ class Adapted:
         flagged = " and ".join("–" if share is None else f"{100 * share:.0f} %" for share in shares)
         note = (
             f"On {self.test} pictures of sequences that were not learned from; inside: true values in the "
-            f"intervals that promise {100 * LEVEL:g} %. Flagged as out of distribution before and after: {flagged}."
+            f"intervals that promise {100 * LEVEL:g} %. Flagged as out of distribution before and after: "
+            f"{flagged}."
         )
         return Table("adapted", "Before and after", tuple(columns), tuple(rows), note)
 
@@ -108,8 +109,8 @@ class Adapted:
         ]
         chosen = "registered" if self.chosen.registered else "as they are"
         note = (
-            f"Root mean square error by cross-validation over {self.labels} labels, each sensor in units of its "
-            f"scale. Chosen: {_WORDS[self.chosen.method]}, pictures {chosen}."
+            f"Root mean square error by cross-validation over {self.labels} labels, each sensor in units of "
+            f"its scale. Chosen: {_WORDS[self.chosen.method]}, pictures {chosen}."
         )
         return Table("tried", "What was tried", columns, tuple(rows), note)
 
@@ -135,8 +136,8 @@ def adapt(
 ) -> Adapted:
     """Adapt the network in a file, write the result into a folder under a name, and judge both.
 
-    labels   how many pictures of the parts that are not for testing may be learned from with their labels; None:
-             all of them
+    labels   how many pictures of the parts that are not for testing may be learned from with their labels;
+             None: all of them
 
     Raises InputError as `exosight.learning.adaptation.adapt` does, and for more labels than there are.
     """

@@ -50,7 +50,9 @@ def calibrate_intervals(
     groups = (
         [units[g[:, i], i] if g[:, i].sum() >= FEW else units[:, i] for i in columns] for g in (zero, ~zero)
     )
-    return Widths(*(tuple(tuple(_quantile(own, level) for own in group) for level in LEVELS) for group in groups))
+    return Widths(
+        *(tuple(tuple(_quantile(own, level) for own in group) for level in LEVELS) for group in groups)
+    )
 
 
 def interval(

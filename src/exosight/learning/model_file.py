@@ -83,8 +83,8 @@ class ModelCard:
     actuation: bool = False
     """whether it has a second input, the commands of all channels"""
     registration: Annotated[tuple[Finite, ...], pydantic.Field(max_length=8)] = ()
-    """the homography through which it sees pictures, as `exosight.learning.registration` has it: eight numbers, or
-    none where it sees them as they are"""
+    """the homography through which it sees pictures, as `exosight.learning.registration` has it: eight
+    numbers, or none where it sees them as they are"""
 
     def __post_init__(self) -> None:
         outputs = len(self.schema.outputs)

@@ -20,7 +20,20 @@ OPERATOR_SET = 18
 FILE_FORMAT = 8
 
 _OPERATORS = {
-    *("Add", "AveragePool", "Cast", "Clip", "Concat", "Conv", "Div", "Exp", "Expand", "Gemm", "Greater", "GridSample"),
+    *(
+        "Add",
+        "AveragePool",
+        "Cast",
+        "Clip",
+        "Concat",
+        "Conv",
+        "Div",
+        "Exp",
+        "Expand",
+        "Gemm",
+        "Greater",
+        "GridSample",
+    ),
     *("MatMul", "Max", "MaxPool", "Mul", "Pow", "ReduceMean", "Relu", "Reshape", "Shape", "Sigmoid"),
     *("Slice", "Sqrt", "Sub", "Transpose", "Unsqueeze"),
 }

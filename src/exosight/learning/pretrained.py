@@ -103,8 +103,8 @@ def check_pretrained(pretrained: Pretrained, identity: RunIdentity) -> None:
     card, settings = pretrained.card, identity.settings
     if card.registration:
         raise InputError(
-            "pretrained: it was adapted to a camera that had moved, and sees pictures as the former one would; "
-            "start from the network that it was adapted from, or adapt it once more: exosight adapt"
+            "pretrained: it was adapted to a camera that had moved, and sees pictures as the former one "
+            "would; start from the network that it was adapted from, or adapt it once more: exosight adapt"
         )
     there = (card.network, card.history, card.actuation)
     asked = (settings.network, settings.history, settings.actuation)
@@ -167,9 +167,7 @@ def unfold(
                 f"{tuple(weights[name].shape)}; export the network again with this version of exosight"
             )
     network.load_state_dict(weights)
-    hooks = [
-        network.get_submodule(norm).register_forward_pre_hook(_normalise) for norm in pairs.values()
-    ]
+    hooks = [network.get_submodule(norm).register_forward_pre_hook(_normalise) for norm in pairs.values()]
     with torch.no_grad():
         network(images, commands)
     for hook in hooks:

@@ -1,9 +1,9 @@
 """Registration: the view of a camera that has moved, brought back to the one that a network learned from.
 
-A camera that is moved or turned sees a planar scene through a homography (Hartley and Zisserman, Multiple View
-Geometry, 2nd edition, section 8.1), and one that bends and presses in a plane nearly so. Which one it is follows
-from pictures alone: seen through the right one they are like those learned from, so the OOD score is least.
-Readings make it surer, as through the right one the network also answers right.
+A camera that is moved or turned sees a planar scene through a homography (Hartley and Zisserman, Multiple
+View Geometry, 2nd edition, section 8.1), and one that bends and presses in a plane nearly so. Which one it
+is follows from pictures alone: seen through the right one they are like those learned from, so the OOD score
+is least. Readings make it surer, as through the right one the network also answers right.
 """
 
 import math
@@ -19,7 +19,8 @@ Homography = Float[Tensor, "8"]
 the camera's, both −1 to 1 across the picture, x to the right and y down."""
 
 TURN, SCALE, SHIFT = 0.5, 0.35, 0.35
-"""How far the search goes: turn [rad], logarithm of the scale, shift [half a picture]. The corners move further."""
+"""How far the search goes: turn [rad], logarithm of the scale, shift [half a picture]. The corners move
+further."""
 
 _STARTS, _KEPT = 60, 4
 _STEPS, _RATE = 60, 0.02

@@ -66,22 +66,30 @@ def test_with_one_label_only_the_offset_changes(model: SensorModel) -> None:
     for method in ("affine", "last"):
         found = fit(method, model, labelled(few, wanted), 0)
         others = pictures(10, 1)
-        np.testing.assert_allclose(values(found, others) - values(model, others), [range(OUTPUTS)] * 10, atol=1e-4)
+        np.testing.assert_allclose(
+            values(found, others) - values(model, others), [range(OUTPUTS)] * 10, atol=1e-4
+        )
 
 
-def test_the_last_layer_is_the_ridge_regression_that_leaving_out_sequences_prefers(model: SensorModel) -> None:
+def test_the_last_layer_is_the_ridge_regression_that_leaving_out_sequences_prefers(
+    model: SensorModel,
+) -> None:
     few = pictures(25)
     rng = np.random.default_rng(2)
     data = labelled(few, rng.normal(size=(25, OUTPUTS)).astype(np.float32))
     found = fit("last", model, data, 0)
     seen = features(model, data).double().numpy()
     with torch.no_grad():
-        left = (scaled(model, data) - answers(model.network.last(features(model, data)), OUTPUTS).values).numpy()
+        left = (
+            scaled(model, data) - answers(model.network.last(features(model, data)), OUTPUTS).values
+        ).numpy()
 
     def solve(rows: np.ndarray, ridge: float) -> tuple[np.ndarray, np.ndarray]:
         mean, centre = seen[rows].mean(0), left[rows].mean(0)
         apart = seen[rows] - mean
-        change = np.linalg.solve(apart.T @ apart + ridge * np.eye(seen.shape[1]), apart.T @ (left[rows] - centre))
+        change = np.linalg.solve(
+            apart.T @ apart + ridge * np.eye(seen.shape[1]), apart.T @ (left[rows] - centre)
+        )
         return change, centre - mean @ change
 
     everything = np.arange(25)
@@ -120,9 +128,9 @@ def test_what_is_given_stays_and_errors_expected_are_not_learned_from_few_labels
     data = labelled(pictures(24), np.random.default_rng(0).random((24, OUTPUTS), np.float32))
     found = fit(method, model, data, 0)
     assert all(torch.equal(tensor, before[name]) for name, tensor in model.state_dict().items())
-    assert torch.equal(
-        found.network.last.weight[OUTPUTS:], model.network.last.weight[OUTPUTS:]
-    ) == (method != "all")
+    assert torch.equal(found.network.last.weight[OUTPUTS:], model.network.last.weight[OUTPUTS:]) == (
+        method != "all"
+    )
     for name, tensor in found.state_dict().items():
         if "running" in name:
             assert torch.equal(tensor, before[name])
@@ -133,5 +141,7 @@ def test_all_layers_learn_what_the_last_one_cannot(model: SensorModel) -> None:
     rng = np.random.default_rng(5)
     few = pictures(40)
     data = labelled(few, (rng.normal(size=(40, OUTPUTS)) + np.arange(OUTPUTS)).astype(np.float32))
-    errors = {method: np.abs(values(fit(method, model, data, 0), few) - data.labels).mean() for method in METHODS}
+    errors = {
+        method: np.abs(values(fit(method, model, data, 0), few) - data.labels).mean() for method in METHODS
+    }
     assert errors["all"] < errors["last"] <= errors["none"]

@@ -25,9 +25,9 @@ def adapt(
 ) -> None:
     """Adapt a network to another set-up with a few labelled pictures: a moved camera, another device or user.
 
-    What changes is chosen by cross-validation: nothing, gain and offset of each output, the last layer, or all
-    layers; each on pictures as they are, and registered to the camera that the network knows. How the camera
-    has moved is found from pictures without labels too, so --labels 0 mends a camera that was bumped.
+    What changes is chosen by cross-validation: nothing, gain and offset of each output, the last layer, or
+    all layers; each on pictures as they are, and registered to the camera that the network knows. How the
+    camera has moved is found from pictures without labels too, so --labels 0 mends a camera that was bumped.
 
     Sequences that are kept for testing are only looked at to say how good the network is before and after.
     Intervals are calibrated anew from what cross-validation left out, and so is the OOD score's limit.
@@ -35,8 +35,8 @@ def adapt(
     The sensors may be others than those of the network; the size of the pictures must be its own.
 
     Examples:
-      exosight adapt --data results/bumped --model results/own/model.onnx --labels 30 --out results/adapted
-      exosight adapt --data results/bumped --model results/own/model.onnx --labels 0 --out results/moved
+      exosight adapt --data bumped --model own/model.onnx --labels 30 --out new
+      exosight adapt --data bumped --model own/model.onnx --labels 0 --out new
 
     Args:
         data: folder of a dataset, from `exosight import` or `exosight generate`

@@ -36,7 +36,9 @@ class Labelled:
         """All others."""
         return self.take(np.setdiff1d(np.arange(len(self)), rows))
 
-    def tensors(self) -> tuple[Float[Tensor, "frames stack height width"], Float[Tensor, "frames channels"] | None]:
+    def tensors(
+        self,
+    ) -> tuple[Float[Tensor, "frames stack height width"], Float[Tensor, "frames channels"] | None]:
         """Pictures in [0, 1], and commands."""
         return torch.from_numpy(self.images).float() / 255, (
             None if self.commands is None else torch.from_numpy(self.commands)
@@ -59,7 +61,7 @@ def joined(first: Labelled, second: Labelled) -> Labelled:
 
 
 def folds(sequence: Int[np.ndarray, " frames"], count: int) -> list[Int[np.ndarray, " _"]]:
-    """Rows that are left out together, in at most so many folds: whole sequences, or stretches of the only one."""
+    """Rows that are left out together, in at most so many folds: whole sequences, or stretches of one."""
     names, sizes = np.unique(sequence, return_counts=True)
     if len(names) == 1:
         return list(np.array_split(np.arange(len(sequence)), min(count, len(sequence))))

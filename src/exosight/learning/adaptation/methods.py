@@ -25,8 +25,8 @@ _HELD = 0.1
 """What holds gains at 1: as much as a tenth of a label whose output is one scale from its mean."""
 _STEPS, _BATCH, _RATE, _DECAY = 300, 32, 1e-3, 0.01
 _TURN, _MOVE, _BLURRED = math.radians(3), 0.03, 0.5
-"""How far pictures are turned [rad], moved and scaled [share of a side] while all layers learn, and the share of
-them that is blurred. Measured on two moved cameras: twice as far is no better (docs/log.md)."""
+"""How far pictures are turned [rad], moved and scaled [share of a side] while all layers learn, and the
+share of them that is blurred. Measured on two moved cameras: twice as far is no better (docs/log.md)."""
 
 
 def fit(method: Method, start: SensorModel, data: Labelled, seed: int) -> SensorModel:
@@ -52,7 +52,7 @@ def scaled(model: SensorModel, data: Labelled) -> Float[Tensor, "frames outputs"
 
 @torch.no_grad()
 def _fit_affine(model: SensorModel, data: Labelled) -> None:
-    """Gain and offset of each output by least squares, the gain held near 1 where few labels say otherwise."""
+    """Gain and offset of each output by least squares, the gain held near 1 where labels are few."""
     last, outputs = model.network.last, model.network.outputs
     found = answers(last(features(model, data)), outputs).values.double()
     wanted = scaled(model, data).double()
@@ -67,8 +67,8 @@ def _fit_affine(model: SensorModel, data: Labelled) -> None:
 def _fit_last(model: SensorModel, data: Labelled) -> None:
     """Ridge regression of what the former layer leaves, its ridge by leaving out sequences in turn.
 
-    With n labels, features centred on their mean (n, f) = U S Vᵀ and residuals R, rows g that are left out together
-    are missed by (1 − H)gg⁻¹ (R − H R)g, H = 1/n + U S²/(S² + λ) Uᵀ (Golub, Heath and Wahba,
+    With n labels, features centred on their mean (n, f) = U S Vᵀ and residuals R, rows g that are left out
+    together are missed by (1 − H)gg⁻¹ (R − H R)g, H = 1/n + U S²/(S² + λ) Uᵀ (Golub, Heath and Wahba,
     doi 10.1080/00401706.1979.10489751, for one row).
     """
     last, outputs = model.network.last, model.network.outputs
@@ -81,7 +81,11 @@ def _fit_last(model: SensorModel, data: Labelled) -> None:
     parts = folds(data.sequence, len(data)) if len(data) > 1 else []
 
     def missed(ridge: float) -> float:
-        rest = torch.eye(len(found), dtype=found.dtype) - (u * (s**2 / (s**2 + ridge * whole))) @ u.T - 1 / len(found)
+        rest = (
+            torch.eye(len(found), dtype=found.dtype)
+            - (u * (s**2 / (s**2 + ridge * whole))) @ u.T
+            - 1 / len(found)
+        )
         total = 0.0
         for rows in map(torch.from_numpy, parts):
             total += float((torch.linalg.solve(rest[rows][:, rows], (rest @ left)[rows]) ** 2).sum())
@@ -96,8 +100,8 @@ def _fit_last(model: SensorModel, data: Labelled) -> None:
 def _fit_all(model: SensorModel, data: Labelled, seed: int) -> None:
     """AdamW on pictures turned, moved, scaled and blurred at random.
 
-    The last layer has been fitted first: Kumar et al., Fine-tuning can distort pretrained features, arXiv 2202.10054. The
-    normalisation stays as it was, as a few pictures do not tell it.
+    The last layer has been fitted first: Kumar et al., Fine-tuning can distort pretrained features, arXiv
+    2202.10054. The normalisation stays as it was, as a few pictures do not tell it.
     """
     network, (images, commands), wanted = model.network, data.tensors(), scaled(model, data)
     rng = np.random.default_rng([seed, len(data)])
@@ -124,7 +128,9 @@ def _varied(
     cos, sin = scale * np.cos(turn), scale * np.sin(turn)
     move = 2 * rng.uniform(-_MOVE, _MOVE, (2, count))
     maps = np.moveaxis(np.array([[cos, -sin, move[0]], [sin, cos, move[1]]]), -1, 0)
-    places = nn.functional.affine_grid(torch.from_numpy(maps).float(), list(images.shape), align_corners=False)
+    places = nn.functional.affine_grid(
+        torch.from_numpy(maps).float(), list(images.shape), align_corners=False
+    )
     found = nn.functional.grid_sample(images, places, padding_mode="border", align_corners=False)
     blurred = nn.functional.avg_pool2d(nn.functional.pad(found, (1, 1, 1, 1), mode="replicate"), 3, 1)
     chosen = torch.from_numpy(rng.random(count) < _BLURRED)

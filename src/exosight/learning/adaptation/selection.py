@@ -1,7 +1,8 @@
 """A network adapted by what cross-validation finds best.
 
-Tried are the methods of `adaptation.methods`, each on pictures as they are and on pictures registered to the former
-camera. What cross-validation predicts for the pictures that it leaves out also says how wide intervals must be.
+Tried are the methods of `adaptation.methods`, each on pictures as they are and on pictures registered to the
+former camera. What cross-validation predicts for the pictures that it leaves out also says how wide
+intervals must be.
 """
 
 from collections.abc import Callable, Mapping
@@ -75,13 +76,13 @@ def adapt(
 
     schema     of the new data: the sensors to estimate, which may be others than the former ones
     labelled   pictures whose labels may be used; cross-validation leaves out whole sequences of them
-    others     further pictures of the set-up, whose labels are not looked at: they tell how the camera has moved,
-               and which pictures are usual
+    others     further pictures of the set-up, whose labels are not looked at: they tell how the camera has
+               moved, and which pictures are usual
     about      identity of the data, which the network keeps
     method     "auto": chosen by cross-validation
 
-    Raises InputError for pictures of another size, other inputs, too few labels or pictures, or sensors that the
-    former network did not estimate and that have no labels.
+    Raises InputError for pictures of another size, other inputs, too few labels or pictures, or sensors that
+    the former network did not estimate and that have no labels.
     """
     known = _same_outputs(pretrained.card.schema, schema)
     pictures = joined(labelled, others)
@@ -172,17 +173,19 @@ def _check(card: ModelCard, schema: Schema, labels: int, pictures: int, method: 
     if card.schema.image_size != schema.image_size:
         (height, width), (rows, columns) = card.schema.image_size, schema.image_size
         raise InputError(
-            f"data: expected pictures of the network's size, {width}×{height} pixels, got {columns}×{rows}; import "
-            f"them with --size {width} {height}, or adapt a network of their size"
+            f"data: expected pictures of the network's size, {width}×{height} pixels, got {columns}×{rows}; "
+            f"import them with --size {width} {height}, or adapt a network of their size"
         )
     if card.actuation and card.schema.channels != schema.channels:
         names = ", ".join(f"{channel.name} [{channel.unit}]" for channel in card.schema.channels)
         raise InputError(
-            f"data: expected the commands that are an input of the network, {names}, got others; adapt a network "
-            "that reads pictures alone"
+            f"data: expected the commands that are an input of the network, {names}, got others; adapt a "
+            "network that reads pictures alone"
         )
     if pictures < FEWEST:
-        raise InputError(f"data: expected at least {FEWEST} pictures beside those for testing, got {pictures}")
+        raise InputError(
+            f"data: expected at least {FEWEST} pictures beside those for testing, got {pictures}"
+        )
     if labels and labels < FEWEST:
         raise InputError(
             f"labels: expected 0, or at least {FEWEST}, so that some can be left out in turn, got {labels}"

@@ -26,12 +26,12 @@ _PICTURES = 24
 _LABELLED = 64
 """With their labels, at most."""
 _WEIGHT, _CORNER = 20.0, 0.1
-"""Of the error of the outputs beside the OOD score, and from where on it counts as its absolute value [the outputs'
-scale]. On four moved cameras with 30 labels, a weight of 1 brought r back to 0.84 in the mean, of 5 to 0.91, of 20 to
-0.92, which is what it was before the move."""
+"""Of the error of the outputs beside the OOD score, and from where on it counts as its absolute value [the
+outputs' scale]. On four moved cameras with 30 labels, a weight of 1 brought r back to 0.84 in the mean, of 5
+to 0.91, of 20 to 0.92, which is what it was before the move."""
 _BETTER = 0.8
-"""Without labels, the OOD score must fall to this share on pictures that were not looked at, or the camera counts
-as where it was: eight numbers always find a little."""
+"""Without labels, the OOD score must fall to this share on pictures that were not looked at, or the camera
+counts as where it was: eight numbers always find a little."""
 
 
 class View:
