@@ -267,13 +267,14 @@ def _gray(message: Any, name: str) -> Gray:
     known |= {"rgb8": 3, "bgr8": 3, "rgba8": 4, "bgra8": 4}
     if encoding not in known:
         raise DataError(
-            f"{name}: expected one of the encodings {', '.join(known)}, got {encoding[:32]!r}; convert the pictures"
+            f"{name}: expected one of the encodings {', '.join(known)}, got {encoding[:32]!r}; "
+            "convert the pictures"
         )
     wide = columns * known[encoding]
     if step < wide or step > columns * _LARGEST_PIXEL + 4096 or len(message.data) != rows * step:
         raise DataError(
-            f"{name}: {columns}×{rows} pixels of {encoding} in {len(message.data)} bytes of {step} a row; the "
-            "recording is damaged"
+            f"{name}: {columns}×{rows} pixels of {encoding} in {len(message.data)} bytes of {step} a row; "
+            "the recording is damaged"
         )
     plain = np.asarray(message.data, np.uint8).reshape(rows, step)[:, :wide]
     if encoding in _BRIGHTNESS:
