@@ -21,6 +21,7 @@ GIVES = {
     "gym": "the Gymnasium environment",
     "agents": "agents that learn in it, for its benchmark",
     "lab": "the local web page",
+    "ros": "recordings of ROS",
 }
 """What an extra of the package is for."""
 

@@ -9,11 +9,8 @@ from jaxtyping import Float64
 
 from exosight.errors import DataError
 from exosight.files import read_file
-from exosight.rig.pictures import Gray
+from exosight.rig.pictures import Gray, upper_bits
 from exosight.vision.pictures import ENDINGS, LARGEST_FILE, decode, natural_order
-
-_DARK = 16
-"""Gray level of 8 bits that a picture of 16 must reach: below are the low bits of a 12-bit camera."""
 
 
 @dataclass(frozen=True)
@@ -64,12 +61,7 @@ class PictureFolder:
             self._turned.add(place)
         if found.deep:
             self._deep.add(place)
-            if found.gray.max() < _DARK:
-                most = 256 * int(found.gray.max()) + 255
-                raise DataError(
-                    f"{path}: 16 bits a pixel, but no value above {most} of 65535, which is black in 8 "
-                    "bits; scale the pictures to the full range, or save them with 8 bits"
-                )
+            return upper_bits(found.gray, str(path))
         return found.gray
 
     @property

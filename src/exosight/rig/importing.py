@@ -20,6 +20,7 @@ from exosight.dataset.job import ChunkRecord, finished, identity, opened, write_
 from exosight.dataset.manifest import FORMAT, MANIFEST, Manifest, new_manifest, read_manifest, write_manifest
 from exosight.dataset.store import write_chunk
 from exosight.errors import DataError, InputError
+from exosight.rig.bags import bags_in, open_bags
 from exosight.rig.card import write_card
 from exosight.rig.folder import open_folder
 from exosight.rig.matching import match_rows
@@ -69,7 +70,8 @@ class ImportConfig:
     """width and height in which pictures are stored [pixels], 32 to 1024 in multiples of 4; by default their
     own or the nearest such"""
     images: str | None = None
-    """of a .mat file, the variable with the pictures; by default the only one of three or four dimensions"""
+    """of a .mat file, the variable with the pictures; by default the only one of three or four dimensions. Of
+    recordings of ROS, the topic of the pictures; by default the only one"""
     order: str | None = None
     """of a .mat file, the order of its dimensions, such as HWN or NHW; by default as the readings say"""
 
@@ -128,8 +130,8 @@ def prepare(
 ) -> Iterator[Import]:
     """Open pictures and table, and find out how they fit together; only the first picture is read.
 
-    source  folder of pictures, video or .mat file
-    table   CSV file of readings; by default the one in the folder, or the variables of the .mat file
+    source  folder of pictures, video, .mat file, recording of ROS or folder of such
+    table   CSV file of readings; by default the one in the folder, or what the .mat file or recording holds
     times   CSV file that says when each picture was taken
     drop    leave out pictures without a row, with an empty cell in it, or that cannot be read
 
@@ -229,12 +231,21 @@ def _opened(
 ) -> Iterator[tuple[PictureSource, ReadingTable | None]]:
     """Pictures, and the readings that stand in the same file, which is open meanwhile."""
     is_mat = source.suffix.lower() == ".mat" and not source.is_dir()
-    for option, value in (("images", config.images), ("order", config.order)):
-        if value is not None and not is_mat:
-            raise InputError(f"--{option}: an option of .mat files, got {source}; leave it out")
     if not source.exists():
-        raise DataError(f"{source}: not there; expected a folder of pictures, a video or a .mat file")
-    if source.is_dir():
+        raise DataError(
+            f"{source}: not there; expected a folder of pictures, a video, a .mat file or a recording of ROS"
+        )
+    bags = bags_in(source)
+    if config.order is not None and not is_mat:
+        raise InputError(f"--order: an option of .mat files, got {source}; leave it out")
+    if config.images is not None and not (is_mat or bags):
+        raise InputError(
+            f"--images: an option of .mat files and recordings of ROS, got {source}; leave it out"
+        )
+    if bags:
+        with open_bags(bags, config.images, config.tolerance, own_table=table is None) as found:
+            yield found
+    elif source.is_dir():
         yield open_folder(source), None
     elif is_mat:
         with open_mat(source, config.images, config.order, None if table is None else len(table)) as found:

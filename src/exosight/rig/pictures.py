@@ -6,11 +6,14 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float64, UInt8
 
-from exosight.errors import InputError
+from exosight.errors import DataError, InputError
 from exosight.vision.pictures import resized, same_aspect
 
 SMALLEST, LARGEST, MULTIPLE = 32, 1024, 4
 """Sides of the pictures that are stored [pixels]: from, to, and multiples of. Networks take no others."""
+
+_DARK = 16
+"""Gray level of 8 bits that a picture of 16 must reach: below are the low bits of a 12-bit camera."""
 
 Gray = UInt8[np.ndarray, "rows columns"]
 Size = tuple[int, int]
@@ -122,6 +125,16 @@ def fit_of(picture: Gray, region: Region | None, size: Size | None) -> Fit:
             "stretched picture shows another pose, so choose another size, or a part with --crop"
         )
     return Fit((columns, rows), part, size)
+
+
+def upper_bits(gray: Gray, name: str) -> Gray:
+    """The upper 8 of 16 bits a pixel; DataError if they are nearly empty."""
+    if gray.max() < _DARK:
+        raise DataError(
+            f"{name}: 16 bits a pixel, but no value above {256 * int(gray.max()) + 255} of 65535, which is "
+            "black in 8 bits; scale the pictures to the full range, or save them with 8 bits"
+        )
+    return gray
 
 
 def _nearest_size(own: Size) -> Size:
