@@ -135,6 +135,7 @@ def test_labels_make_it_better_and_calibrate_it(
     assert errors[2] < min(0.6 * errors[0], errors[1])
     assert with_labels.chosen == min(with_labels.candidates, key=lambda way: way.error or np.inf)
     assert {way.method for way in with_labels.candidates} == {"none", "affine", "last"}  # too few for all
+    assert all(way.registered for way in with_labels.candidates)  # the camera has surely moved
     read = after.read(images, 0.9)
     inside = ((read.low <= labels) & (labels <= read.high)).mean()
     # 16 labels, 40 pictures of 7 outputs: the share held is 0.9 within about three standard deviations.

@@ -96,9 +96,11 @@ def adapt(
         return result.of(start, homography, Candidate("none", homography is not former, None))
 
     parts = folds(labelled.sequence, _FOLDS)
-    ways: list[Way] = [
-        (name, moved) for name in _methods(method, len(labelled), known) for moved in (False, True)
-    ]
+    # Of ten labels two are left out at a time, too little to overrule what all pictures say: where the OOD
+    # score had found the camera moved, r was 0.89 with registration, 0.72 with the last layer without it.
+    surely = len(labelled) < FEWEST_FOR_ALL and view.without_labels() is not former
+    views = (True,) if surely else (False, True)
+    ways: list[Way] = [(name, moved) for name in _methods(method, len(labelled), known) for moved in views]
     done = 0
 
     def fitted(way: Way, part: Labelled, moved: Homography) -> tuple[SensorModel, Homography | None]:
