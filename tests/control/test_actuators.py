@@ -1,13 +1,17 @@
 """Lines of u: what a program behind a pipe reads, and what happens when it goes away."""
 
 import os
+import pty
+import socket
+import termios
+from collections import deque
 from io import FileIO
 from pathlib import Path
 
 import pytest
 
 from exosight.control.actuators import Actuator, Lines, NoActuator
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
 
 
 def test_each_step_is_a_line_and_the_last_one_is_zero(tmp_path: Path) -> None:
@@ -58,6 +62,76 @@ def test_stdout_is_a_place_and_stays_open(capfd: pytest.CaptureFixture[str]) -> 
     lines.close()
     print("still here", flush=True)
     assert capfd.readouterr().out == "1.5000\n0.0000\nstill here\n"
+
+
+def test_a_serial_device_gets_lines_as_they_are_at_its_speed() -> None:
+    reading, writing = pty.openpty()
+    place = os.ttyname(writing)
+    settings = termios.tcgetattr(writing)
+    settings[3] |= termios.ECHO | termios.ICANON
+    settings[1] |= termios.OPOST | termios.ONLCR  # a terminal, which turns line feeds into two bytes
+    termios.tcsetattr(writing, termios.TCSANOW, settings)
+    for suffix, speed in (("", termios.B115200), ("@9600", termios.B9600)):
+        lines = Lines.open(place + suffix)
+        assert termios.tcgetattr(writing)[4:6] == [speed, speed]
+        lines.apply(1.25)
+        assert os.read(reading, 100) == b"1.2500\n"
+        lines.close()
+        assert os.read(reading, 100) == b"0.0000\n"
+    os.close(reading)
+    os.close(writing)
+
+
+@pytest.mark.parametrize(
+    ("place", "sentence"),
+    [
+        ("/dev/null@9600", "no serial device"),
+        ("/dev/ttyS0@12345", "expected one of the speeds 1200, .*, got 12345"),
+        ("udp://", "expected udp://HOST:PORT"),
+        ("udp://127.0.0.1", "expected udp://HOST:PORT"),
+        ("udp://127.0.0.1:0", "expected udp://HOST:PORT"),
+        ("udp://127.0.0.1:65536", "expected udp://HOST:PORT"),
+        ("udp://no host:5005", "expected udp://HOST:PORT"),
+    ],
+)
+def test_places_that_are_none_are_one_sentence(place: str, sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        Lines.open(place)
+
+
+@pytest.mark.parametrize(("family", "host"), [(socket.AF_INET, "127.0.0.1"), (socket.AF_INET6, "[::1]")])
+def test_each_datagram_is_a_line(family: socket.AddressFamily, host: str) -> None:
+    with socket.socket(family, socket.SOCK_DGRAM) as receiver:
+        try:
+            receiver.bind((host.strip("[]"), 0))
+        except OSError:
+            pytest.skip(f"no network {host}")
+        receiver.settimeout(10)
+        lines = Lines.open(f"udp://{host}:{receiver.getsockname()[1]}")
+        lines.apply(0.5)
+        lines.apply(-1.0)
+        lines.close()
+        assert [receiver.recv(100) for _ in range(3)] == [b"0.5000\n", b"-1.0000\n", b"0.0000\n"]
+
+
+def test_a_port_where_nobody_listens_is_told_of() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(("127.0.0.1", 0))
+        port = receiver.getsockname()[1]
+    lines = Lines.open(f"udp://127.0.0.1:{port}")
+    with pytest.raises(DataError, match="cannot be sent"):
+        deque(map(lines.apply, [1.0] * 10))  # the first is sent; its refusal comes back with one of the next
+    lines.close()
+
+
+def test_a_reader_that_has_stopped_does_not_hold_up_the_loop(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    reading = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    lines = Lines.open(str(tmp_path / "pipe"))
+    with pytest.raises(DataError, match="whoever reads it has stopped"):
+        deque(map(lines.apply, [1.0] * 1_000_000))  # far beyond what a pipe holds
+    os.close(reading)
+    lines.close()
 
 
 def test_nobody_is_an_actuator() -> None:

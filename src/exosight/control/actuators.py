@@ -1,12 +1,24 @@
 """What carries the command to the plant; a class of one's own with these two methods is one too."""
 
+import os
+import re
+import socket
+import stat
 import sys
 from contextlib import suppress
-from io import RawIOBase
+from io import FileIO, RawIOBase
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
+
+BAUD = 115_200
+"""Speed of a serial device unless its place says another [bits a second]."""
+UDP = "udp://"
+"""What places begin with that lines are sent to by network."""
+
+_SERIAL = re.compile(r"(?P<path>/dev/.+?)(?:@(?P<baud>[0-9]{1,8}))?")
+_PLACE = re.compile(r"udp://(?P<host>[^:/@\s]+|\[[0-9A-Fa-f:.]+\]):(?P<port>[0-9]{1,5})")
 
 
 @runtime_checkable
@@ -49,29 +61,109 @@ class Lines:
 
     @staticmethod
     def open(place: str) -> "Lines":
-        """Lines to a new file, a named pipe or a serial device; "-" is stdout.
+        """Lines to a new file, a named pipe, a serial device, or a program on the network; "-" is stdout.
 
-        Raises DataError if the place cannot be written, or is a file that is there already.
+        A serial device, "/dev/ttyUSB0" or "/dev/ttyUSB0@9600", gets bytes of 8 bits without parity or flow
+        control, at BAUD unless its place says another speed. "udp://HOST:PORT" gets a datagram a line.
+
+        Raises DataError if the place cannot be written, or is a file that is there already; InputError for a
+        speed that serial devices do not have, or a network place that is none.
         """
         if place == "-":
             return Lines(open(sys.stdout.fileno(), "wb", buffering=0, closefd=False))
-        path = Path(place)
+        if place.startswith(UDP):
+            return Lines(_datagrams(place))
+        path, baud = serial_place(place)
         if path.is_file():
             raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
         try:
-            return Lines(path.open("ab", buffering=0))  # a device cannot be truncated
+            stream = path.open("ab", buffering=0)  # a device cannot be truncated
+            try:
+                _prepare(stream.fileno(), path, baud)
+            except BaseException:
+                stream.close()
+                raise
+            return Lines(stream)
         except OSError as error:
             raise DataError(f"{path}: cannot be written ({error.strerror}); name another place") from error
 
     def apply(self, u: float) -> None:
-        """Write one line; DataError if it can no longer be written."""
+        """Write one line; DataError if it can no longer be written, or if nobody reads what was written."""
+        line = b"%.4f\n" % u
         try:
-            self._stream.write(b"%.4f\n" % u)
+            written = self._stream.write(line)
         except (OSError, ValueError) as error:  # ValueError: the stream is closed
             raise DataError(f"u cannot be sent ({error}); look after the actuator") from error
+        if written != len(line):
+            raise DataError("u cannot be sent (whoever reads it has stopped); look after the actuator")
 
     def close(self) -> None:
         """Write 0.0000 as the last line, if it can be written."""
         with suppress(DataError):
             self.apply(0.0)
         self._stream.close()
+
+
+def serial_place(place: str) -> tuple[Path, int | None]:
+    """The path in a place that lines go to, and the speed that it says [bits a second].
+
+    Raises InputError for a speed that serial devices do not have.
+    """
+    found = _SERIAL.fullmatch(place)
+    if found is None or found["baud"] is None:
+        return Path(place), None
+    baud = int(found["baud"])
+    if baud not in _speeds():
+        shown = ", ".join(str(speed) for speed in sorted(_speeds()) if speed >= 1200)
+        raise InputError(f"--send: expected one of the speeds {shown}, got {baud}")
+    return Path(found["path"]), baud
+
+
+def _speeds() -> dict[int, int]:
+    """Speeds of serial devices [bits a second], with what the system calls them; none on Windows."""
+    try:
+        import termios
+    except ModuleNotFoundError:
+        return {}
+    names = (name for name in dir(termios) if re.fullmatch(r"B[1-9][0-9]*", name))
+    return {int(name[1:]): getattr(termios, name) for name in names}
+
+
+def _prepare(descriptor: int, path: Path, baud: int | None) -> None:
+    """Set up a serial device; of it and of a pipe, let no write wait for a reader that has stopped."""
+    if os.isatty(descriptor) and _speeds():
+        import termios
+        import tty
+
+        try:
+            tty.setraw(descriptor, termios.TCSANOW)
+            settings = termios.tcgetattr(descriptor)
+            settings[2] &= ~(getattr(termios, "CRTSCTS", 0) | termios.CSTOPB)
+            settings[2] |= termios.CLOCAL
+            settings[4] = settings[5] = _speeds()[baud or BAUD]
+            termios.tcsetattr(descriptor, termios.TCSANOW, settings)
+        except termios.error as error:
+            raise DataError(
+                f"{path}: cannot be set to {baud or BAUD} bits a second ({error.args[-1]})"
+            ) from error
+    elif baud is not None:
+        raise InputError(f"{path}: no serial device, so it has no speed; leave out @{baud}")
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.set_blocking(descriptor, False)
+
+
+def _datagrams(place: str) -> RawIOBase:
+    """A stream that sends each write as a datagram."""
+    found = _PLACE.fullmatch(place)
+    if found is None or not 1 <= int(found["port"]) <= 65_535:
+        raise InputError(f"--send: expected udp://HOST:PORT, such as udp://192.168.1.20:5005, got {place!r}")
+    try:
+        (kind, *_, address), *_ = socket.getaddrinfo(
+            found["host"].strip("[]"), int(found["port"]), type=socket.SOCK_DGRAM
+        )
+        with socket.socket(kind, socket.SOCK_DGRAM) as sender:
+            sender.connect(address)
+            sender.setblocking(False)
+            return FileIO(sender.detach(), "wb")  # each write to a connected socket is a datagram
+    except OSError as error:
+        raise DataError(f"{place}: cannot be reached ({error.strerror}); name another place") from error

@@ -19,6 +19,7 @@ from exosight.app.commands.options import (
 )
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import check_new_file, check_plot
+from exosight.control.actuators import UDP, serial_place
 from exosight.errors import InputError
 
 if TYPE_CHECKING:
@@ -39,8 +40,8 @@ class DeviceOptions:
     """part of each picture that the network gets [pixels]; default: the largest in the middle of a camera's
     or video's, all of a picture file"""
     send: Annotated[str | None, tyro.conf.arg(metavar="PLACE|-", help_behavior_hint="")] = None
-    """write the command there, one line a step: a serial device, a named pipe, a new file, or "-" for
-    stdout"""
+    """write the command there, one line a step: a serial device (/dev/ttyUSB0, or @ and its speed behind),
+    udp://HOST:PORT, a named pipe, a new file, or "-" for stdout"""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -87,7 +88,7 @@ def live(
     Examples:
       exosight live
       exosight live --source 0 --target 0.3 --record run.h5
-      exosight live --source 0 --send /dev/ttyUSB0
+      exosight live --source 0 --send /dev/ttyUSB0@9600
       exosight live --system thumb.toml --model results/thumb/model.onnx
       exosight live --source 0 --model results/rig/model.onnx --record run.h5
 
@@ -104,8 +105,8 @@ def live(
     check_plot(plot)
     if run.record is not None:
         check_new_file(run.record)
-    if device.send is not None and device.send != "-":
-        sink = Path(device.send)
+    if device.send is not None and device.send != "-" and not device.send.startswith(UDP):
+        sink, _ = serial_place(device.send)
         if sink.is_file() or not sink.exists():  # neither a device nor a pipe
             check_new_file(sink)
     if device.send == "-" and json == "-":
