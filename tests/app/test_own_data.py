@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
+from exosight.app import adaptation
 from exosight.app.data import divided, load
 from exosight.app.main import main
 from exosight.app.pipeline import widened
@@ -197,11 +198,20 @@ def test_a_network_is_adapted_and_says_before_and_after(
 
 
 def test_what_cannot_be_adapted_is_one_sentence(
-    adapted: Path, data: Path, model: Path, tmp_path: Path, refused: Callable[..., str]
+    adapted: Path,
+    data: Path,
+    model: Path,
+    tmp_path: Path,
+    refused: Callable[..., str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     words = ["adapt", "--data", adapted / "data", "--out", tmp_path / "out"]
     assert "expected 0 to 128, the pictures that are not kept" in refused(
         *words, "--model", model, "--labels", "129"
+    )
+    monkeypatch.setattr(adaptation, "MOST", 20)
+    assert "expected up to 20, got 21; exosight train --pretrained" in refused(
+        *words, "--model", model, "--labels", "21"
     )
     assert "expected pictures of the network's size, 128×128 pixels, got 32×32" in refused(*words)
     assert "learned from this dataset divided otherwise" in refused(

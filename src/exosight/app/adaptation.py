@@ -22,6 +22,9 @@ from exosight.system.schema import Schema
 if TYPE_CHECKING:
     from exosight.learning.adaptation import Candidate, Labelled, Method  # needs PyTorch
 
+MOST = 2000
+"""Labels that are learned from, and further pictures that are looked at: memory grows with their square."""
+
 LEVEL = 0.9
 """Share of true values that the intervals shown promise to hold."""
 
@@ -137,9 +140,9 @@ def adapt(
     """Adapt the network in a file, write the result into a folder under a name, and judge both.
 
     labels   how many pictures of the parts that are not for testing may be learned from with their labels;
-             None: all of them
+             None: all of them, MOST at most
 
-    Raises InputError as `exosight.learning.adaptation.adapt` does, and for more labels than there are.
+    Raises InputError as `exosight.learning.adaptation.adapt` does, and for more labels than allowed.
     """
     from exosight.learning import load_pretrained
     from exosight.learning.adaptation import adapt as run
@@ -153,8 +156,12 @@ def adapt(
         raise InputError(
             f"--labels: expected 0 to {len(pool)}, the pictures that are not kept for testing, got {labels}"
         )
-    chosen = _drawn(frames.design, pool, len(pool) if labels is None else labels, seed)
-    others = np.setdiff1d(pool, chosen)
+    if labels is not None and labels > MOST:
+        raise InputError(
+            f"--labels: expected up to {MOST}, got {labels}; exosight train --pretrained learns from more"
+        )
+    chosen = _drawn(frames.design, pool, min(len(pool), MOST) if labels is None else labels, seed)
+    others = _drawn(frames.design, np.setdiff1d(pool, chosen), MOST, seed)
     before = None
     if card.schema.image_size == frames.schema.image_size and card.schema.outputs == frames.schema.outputs:
         before = _judged(OnnxEstimator.load(model, threads=2), data, split.test)

@@ -43,7 +43,7 @@ def adapt(
         out: folder to make; it gets the network (model.onnx) and the numbers (adaptation.json)
         model: the network to adapt: its model.onnx, or 'shipped', the package's own for this system
         labels: how many labelled pictures may be learned from, drawn evenly from all sequences that are not
-            for testing; by default all of them
+            for testing; by default all of them, 2000 at most
         method: what changes; auto: what cross-validation finds best
         split_seed: seed of the division in parts to learn from and for testing, as of `exosight train`
         seed: decides which pictures are drawn, and the search

@@ -103,17 +103,17 @@ def _fit_all(model: SensorModel, data: Labelled, seed: int) -> None:
     The last layer has been fitted first: Kumar et al., Fine-tuning can distort pretrained features, arXiv
     2202.10054. The normalisation stays as it was, as a few pictures do not tell it.
     """
-    network, (images, commands), wanted = model.network, data.tensors(), scaled(model, data)
+    network, wanted = model.network, scaled(model, data)
     rng = np.random.default_rng([seed, len(data)])
     optimiser = torch.optim.AdamW(network.parameters(), lr=_RATE, weight_decay=_DECAY)
     for step in range(_STEPS):
         done = step / _STEPS
         rate = done / 0.2 if done < 0.2 else 0.5 * (1 + math.cos(math.pi * (done - 0.2) / 0.8))
         optimiser.param_groups[0]["lr"] = _RATE * rate
-        rows = torch.from_numpy(rng.choice(len(data), _BATCH, replace=len(data) < _BATCH))
-        seen = _varied(images[rows], rng)
-        found = answers(network(seen, None if commands is None else commands[rows]), network.outputs).values
-        loss = nn.functional.smooth_l1_loss(found, wanted[rows])
+        rows = rng.choice(len(data), _BATCH, replace=len(data) < _BATCH)
+        images, commands = data.take(rows).tensors()
+        found = answers(network(_varied(images, rng), commands), network.outputs).values
+        loss = nn.functional.smooth_l1_loss(found, wanted[torch.from_numpy(rows)])
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
