@@ -100,6 +100,12 @@ def path() -> PathSummary:
     return PathSummary(u, u / 8, np.arange(17) == 5, images(17))
 
 
+def surfaces() -> SurfaceResult:
+    loop = LoopResult("light network, by shape, index", "index", False, CONSTANT)
+    result = replace(network_results()[0], name=loop.name)
+    return SurfaceResult(path().u, path().net_force, [loop], replace(RUNS[0], name=loop.name), result)
+
+
 def sections() -> tuple[Section, ...]:
     return (
         chapters.introduction(Figure(), SCHEMA),
@@ -110,7 +116,7 @@ def sections() -> tuple[Section, ...]:
         chapters.accuracy(network_results()),
         chapters.robustness_section(robustness()),
         *(chapters.closed_loop(loop) for loop in LOOPS),
-        chapters.contact_models(path(), SurfaceResult(path().u, path().net_force, CONSTANT), LOOPS),
+        chapters.contact_models(path(), surfaces(), LOOPS),
         chapters.limits(),
         chapters.remake("exosight study", "seed: 0\n", 0, {"exosight": "0.1.0"}),
     )
@@ -188,9 +194,15 @@ def test_steady_states_stand_beside_the_papers_settling_steps():
 
 def test_both_models_of_contact_stand_beside_the_paper(study):
     (section,) = [section for section in study.sections if section.title == "Contact of surfaces"]
-    stored, loop = tables(section).values()
+    own, stored, loop = tables(section).values()
+    assert own.records()[0]["contact"] == "C1"
     assert [row[0] for row in stored.rows] == ["published", "index", "paper, by frame"]
-    assert [row[:3] for row in loop.rows] == [("published", 3, 4), ("index", 6, None), ("paper", 7, None)]
+    assert [row[:3] for row in loop.rows] == [
+        (BY_SHAPE, 6, None),
+        ("shipped network", 3, 4),
+        ("light network, by shape, index", 6, None),
+        ("paper", 7, None),
+    ]
 
 
 def test_stored_numbers_of_both_systems_are_those_of_the_result_files():

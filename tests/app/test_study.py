@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -35,6 +36,7 @@ TINY = StudyConfig(
         RunConfig("design", TrainConfig(epochs=2, batch=8, threads=1)),
         RunConfig("frame", TrainConfig(epochs=1, batch=8, threads=1)),
     ),
+    index=RunConfig("design", TrainConfig(epochs=1, batch=8, threads=1)),
 )
 
 
@@ -127,7 +129,7 @@ def test_study_stopped_just_before_its_report_is_resumed(
     after = times(folder)
     assert after.keys() - before.keys() == {"report.html"}
     assert {name for name, _ in before.items() - after.items()} <= {
-        *("light_shape/history.csv", "light_frame/history.csv")
+        f"{name}/history.csv" for name in ("light_shape", "light_frame", "index_network")
     }
 
 
@@ -141,12 +143,16 @@ def test_shipped_network_steers_where_it_fits_the_camera(tmp_path: Path) -> None
 
 
 def test_the_same_exosuit_on_smooth_surfaces_stands_beside(tmp_path: Path) -> None:
-    assert _surfaces(TINY, TINY.data.camera, tmp_path) is None  # the shipped network has another camera
-    found = _surfaces(TINY, Camera(), tmp_path)
+    without = replace(TINY, index=None)
+    assert _surfaces(without, TINY.data.camera, tmp_path) is None  # the shipped network has another camera
+    found = _surfaces(without, Camera(), tmp_path)
     assert found is not None
-    assert [float(trial.record.target[0]) for trial in found.trials] == [0.25, 0.30, 0.35]
-    assert {trial.record.schema.system for trial in found.trials} == {"index"}
-    assert "control_index" in {path.name for path in tmp_path.iterdir()}
+    assert found.run is found.result is None
+    (shipped,) = found.loops
+    assert shipped.shipped
+    assert [float(trial.record.target[0]) for trial in shipped.trials] == [0.25, 0.30, 0.35]
+    assert {trial.record.schema.system for trial in shipped.trials} == {"index"}
+    assert "control_index_shipped" in {path.name for path in tmp_path.iterdir()}
     top = int(np.argmax(found.u))
     assert found.u[top] == 4.0
     # Where the targets lie the force rises without a jump, and without friction falls the same way.
@@ -154,6 +160,17 @@ def test_the_same_exosuit_on_smooth_surfaces_stands_beside(tmp_path: Path) -> No
     targets = rising < 0.36
     assert 0 < np.diff(rising[targets]).max() < 0.05
     np.testing.assert_allclose(falling[targets], rising[targets], atol=5e-3)
+
+
+def test_network_of_the_study_on_smooth_surfaces_is_its_own(history: tuple[Path, dict]) -> None:
+    folder, held = history
+    assert {"index_data/manifest.json", "index_network/model.onnx"} <= set(held["end"])
+    data = read_manifest(folder / "index_data")
+    assert (data.config["system"], data.seed) == ("index", TINY.data.seed)
+    trial = json.loads((folder / "control_index" / "results.json").read_text())
+    assert trial["config"]["model"] == "index_network/model.onnx"
+    headline = json.loads((folder / "tables" / "headline.json").read_text())
+    assert "light network, by shape, index" in json.dumps(headline)
 
 
 def test_finished_study_is_returned_as_it_is(

@@ -128,5 +128,9 @@ class SurfaceResult:
     """Actuation, from 0 N up and back [N]."""
     net_force: Float[np.ndarray, " steps"]
     """F_net [N]."""
-    trials: Sequence[Trial]
-    """The paper's constant targets, with the shipped network as sensor."""
+    loops: Sequence[LoopResult]
+    """The paper's constant targets, with this study's network and the shipped one, as far as there are any."""
+    run: TrainingRun | None
+    """This study's network on `index`, if it has one."""
+    result: NetworkResult | None
+    """That network on frames that it has not learned from."""

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,12 @@ from exosight.vision.corruptions import corrupt
 REPORT = "report.html"
 """Name of the report in a study's folder."""
 
+INDEX_NETWORK = "index_network"
+"""Folder of the network that is trained on `index`."""
+
+SHIPPED_NETWORK = "shipped network"
+"""What a report calls the network that comes with the package."""
+
 
 def run_study(config: StudyConfig, out: Path, *, resume: bool = False) -> Path:
     """Run a study in a new folder and return the path of its report.
@@ -53,32 +60,27 @@ def run_study(config: StudyConfig, out: Path, *, resume: bool = False) -> Path:
     report = folder / REPORT
     if report.exists():
         return report
-    data = _data(config, folder)
+    data = _data(config.data, folder / "data")
     protocols = dict.fromkeys(run.protocol for run in config.runs)
     splits = {protocol: make_split(data.frames, protocol, config.seed) for protocol in protocols}
-    trained, network_results, estimators = [], [], []
-    for run in config.runs:
-        split = splits[run.protocol]
-        with progress(f"training {run.name}", "steps") as update:
-            history = fit(data, split, run.training, folder / run.folder, resume=True, progress=update)
-        estimator = OnnxEstimator.load(folder / run.folder / MODEL, threads=2)
-        trained.append(_training_run(run, split, history, estimator))
-        network_results.append(_network_result(run, split, data, estimator))
-        estimators.append(estimator)
+    networks = [
+        _trained(run.name, run, data, splits[run.protocol], folder / run.folder) for run in config.runs
+    ]
+    first = networks[0].estimator
     say("evaluating on degraded images")
-    robustness = _robustness(config, estimators[0], data, splits[config.runs[0].protocol].test)
-    camera = camera_of(estimators[0].card)
-    loops = _closed_loops(config, estimators[0], camera, folder)
+    robustness = _robustness(config, first, data, splits[config.runs[0].protocol].test)
+    camera = camera_of(first.card)
+    loops = _closed_loops(config, first, camera, folder)
     surfaces = _surfaces(config, camera, folder)
     say("writing the report")
     results = Results(
         config,
         data,
         splits,
-        trained,
-        network_results,
+        [network.run for network in networks],
+        [network.result for network in networks],
         robustness,
-        estimators[0],
+        first,
         loops,
         _exosuit(config.data),
         surfaces,
@@ -109,23 +111,40 @@ def _open(config: StudyConfig, out: Path, resume: bool) -> Path:
     return out
 
 
-def _data(config: StudyConfig, folder: Path) -> Data:
-    place = folder / "data"
+def _data(config: GenerateConfig, place: Path) -> Data:
     if not (place / MANIFEST).exists():
-        with progress("simulating", "shapes") as update:
-            generate(config.data, place, update, resume=True)
+        with progress(f"simulating {config.system}", "shapes") as update:
+            generate(config, place, update, resume=True)
     return load(place)
 
 
+@dataclass(frozen=True)
+class _Network:
+    """A network that was trained, and what it estimates on the test part."""
+
+    run: TrainingRun
+    result: NetworkResult
+    estimator: OnnxEstimator
+
+
+def _trained(name: str, run: RunConfig, data: Data, split: Split, folder: Path) -> _Network:
+    """Train a network in its folder, or go on with it, and estimate the test part."""
+    with progress(f"training {name}", "steps") as update:
+        history = fit(data, split, run.training, folder, resume=True, progress=update)
+    estimator = OnnxEstimator.load(folder / MODEL, threads=2)
+    result = _network_result(name, split, data, estimator)
+    return _Network(_training_run(name, run, split, history, estimator), result, estimator)
+
+
 def _training_run(
-    run: RunConfig, split: Split, history: Sequence[EpochRecord], estimator: OnnxEstimator
+    name: str, run: RunConfig, split: Split, history: Sequence[EpochRecord], estimator: OnnxEstimator
 ) -> TrainingRun:
     from exosight.learning.networks import build_network
 
     schema = estimator.card.schema
     network = build_network(run.training.network, schema, len(auxiliary_units(schema)), 0)
     return TrainingRun(
-        name=run.name,
+        name=name,
         parameters=sum(p.numel() for p in network.parameters() if p.requires_grad),
         frames=len(split.train),
         history=history,
@@ -137,10 +156,10 @@ def _recipe(run: RunConfig) -> Recipe:
     return RECIPES[resolve(run.training, "cpu", "float32").recipe]
 
 
-def _network_result(run: RunConfig, split: Split, data: Data, estimator: OnnxEstimator) -> NetworkResult:
+def _network_result(name: str, split: Split, data: Data, estimator: OnnxEstimator) -> NetworkResult:
     frames = data.frames
     true, estimated = frames.labels[split.test], estimator.estimate(frames.images[split.test])
-    return NetworkResult(run.name, frames.schema, true.astype(float), estimated.astype(float))
+    return NetworkResult(name, frames.schema, true.astype(float), estimated.astype(float))
 
 
 def _robustness(
@@ -165,7 +184,7 @@ def _closed_loops(
     shipped = OnnxEstimator.load(DEFAULT_MODEL, threads=2)
     if camera_of(shipped.card) == camera:
         place = folder / "control_shipped"
-        loops.append(("shipped network", "shipped", shipped, DEFAULT_MODEL.name, place))
+        loops.append((SHIPPED_NETWORK, "shipped", shipped, DEFAULT_MODEL.name, place))
     results = []
     for name, short, estimator, model, place in loops:
         seen_by = camera_of(estimator.card)
@@ -185,18 +204,33 @@ def _keep_trials(trials: Sequence[Trial], model: str, camera: Camera, place: Pat
 
 
 def _surfaces(config: StudyConfig, camera: Camera, folder: Path) -> SurfaceResult | None:
-    """The exosuit of the closed loop on `index`, with its shipped network where that fits the camera."""
-    place = SHIPPED_MODELS[INDEX]
-    estimator = OnnxEstimator.load(place, threads=2)
-    if camera_of(estimator.card) != camera:
-        return None
+    """The exosuit of the closed loop on `index`: with the study's network, and the shipped one where it fits.
+
+    None if there is neither.
+    """
     system = index(_exosuit(config.data), camera)
+    sensors: list[tuple[str, str, OnnxEstimator, str]] = []
+    own = None
+    if config.index is not None:
+        data = _data(replace(config.data, system=INDEX), folder / "index_data")
+        split = make_split(data.frames, config.index.protocol, config.seed)
+        name = f"{config.index.name}, {INDEX}"
+        own = _trained(name, config.index, data, split, folder / INDEX_NETWORK)
+        sensors.append((name, "index", own.estimator, f"{INDEX_NETWORK}/{MODEL}"))
+    shipped = OnnxEstimator.load(SHIPPED_MODELS[INDEX], threads=2)
+    if camera_of(shipped.card) == camera:
+        sensors.append((f"{SHIPPED_NETWORK}, {INDEX}", "index_shipped", shipped, SHIPPED_MODELS[INDEX].name))
+    if not sensors:
+        return None
     constant = [asked for asked in published_trials() if asked[1][-1] > 0]
-    trials = run_with_progress(system, from_image(estimator, system.schema), constant)
-    _keep_trials(trials, place.name, camera, folder / "control_index")
+    loops = []
+    for name, short, estimator, model in sensors:
+        trials = run_with_progress(system, from_image(estimator, system.schema), constant)
+        _keep_trials(trials, model, camera, folder / f"control_{short}")
+        loops.append(LoopResult(name, short, estimator is shipped, trials))
     plant, commands = SimulatedPlant(system), load_path(system.schema, frames=50, seed=0, number=0).commands
     net_force = np.array([plant.apply(row).reading(system.schema.controlled) for row in commands])
-    return SurfaceResult(commands[:, 0], net_force, trials)
+    return SurfaceResult(commands[:, 0], net_force, loops, own and own.run, own and own.result)
 
 
 def _exosuit(config: GenerateConfig) -> Exosuit:

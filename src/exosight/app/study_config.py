@@ -66,6 +66,8 @@ class StudyConfig:
     """What is simulated: the published system."""
     runs: Annotated[tuple[RunConfig, ...], Field(min_length=1), AfterValidator(_all_different)]
     """What is trained on it."""
+    index: RunConfig | None = None
+    """A network trained on the same exosuits with contact of surfaces, the preset `index`; None: none."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of the splits and of the noise."""
 
@@ -79,6 +81,7 @@ PRESETS: dict[PresetName, StudyConfig] = {
             RunConfig("design", TrainConfig(network="light", epochs=80)),
             RunConfig("frame", TrainConfig(network="light", epochs=20)),
         ),
+        index=RunConfig("design", TrainConfig(network="light", epochs=80)),
     ),
     "paper": StudyConfig(
         data=GenerateConfig(per_scenario=125),
@@ -87,6 +90,7 @@ PRESETS: dict[PresetName, StudyConfig] = {
             for network in ("light", "paper")
             for protocol in ("design", "frame")
         ),
+        index=RunConfig("design", TrainConfig(network="light")),
     ),
 }
 """quick: 110 shapes, minutes on a laptop; paper: all 1375 shapes and both networks."""

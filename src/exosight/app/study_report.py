@@ -64,7 +64,23 @@ class Results:
     exosuit: Exosuit
     """That of the closed loop, for the pictures of how it moves."""
     surfaces: SurfaceResult | None
-    """The same exosuit on `index`, where its shipped network fits the camera."""
+    """The same exosuit on `index`, if there is a network for it."""
+
+    @property
+    def all_runs(self) -> list[TrainingRun]:
+        """Of both systems."""
+        return [*self.runs, *([self.surfaces.run] if self.surfaces and self.surfaces.run else [])]
+
+    @property
+    def all_results(self) -> list[NetworkResult]:
+        """Of both systems."""
+        own = self.surfaces.result if self.surfaces else None
+        return [*self.network_results, *([own] if own else [])]
+
+    @property
+    def all_loops(self) -> list[LoopResult]:
+        """Of both systems."""
+        return [*self.loops, *(self.surfaces.loops if self.surfaces else [])]
 
 
 def build_report(results: Results, command: str) -> Report:
@@ -87,10 +103,10 @@ def build_report(results: Results, command: str) -> Report:
         ),
         sections=(
             chapters.introduction(_overview(motion, results.estimator), schema),
-            chapters.headline(results.runs, results.network_results, results.robustness, results.loops),
+            chapters.headline(results.all_runs, results.all_results, results.robustness, results.all_loops),
             chapters.motion(path),
             chapters.data_section(_data_summary(results)),
-            chapters.learning(results.runs, schema.outputs),
+            chapters.learning(results.all_runs, schema.outputs),
             chapters.accuracy(results.network_results),
             chapters.robustness_section(results.robustness),
             *(chapters.closed_loop(loop) for loop in results.loops),

@@ -87,9 +87,9 @@ def limits() -> Section:
                 (
                     "All images are rendered. Real fingers, exosuits and cameras, skin, light, background "
                     "and a moving camera are not in the data.",
-                    "Contact is a frictionless push between spheres. The finger carries a few of them, "
-                    "with gaps between them into which a bent rod can slip, and the true forces are those of "
-                    "this model.",
+                    "Contact has no friction. That of published is between spheres: the finger carries a few "
+                    "of them, with gaps between them into which a bent rod can slip, and the true forces are "
+                    "those of this model.",
                     "Every pose is an equilibrium. Inertia and the silicone's damping are neglected, so a "
                     "fast controller is easier to stabilise than on a real system.",
                     "There is one finger: its lengths, radii and joint stiffness never change. The "

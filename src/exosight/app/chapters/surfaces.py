@@ -7,10 +7,9 @@ import numpy as np
 from exosight.app.chapters.loop import published_steps, target_of
 from exosight.app.report import Picture, Section
 from exosight.app.results import LoopResult, PathSummary, SurfaceResult
-from exosight.control import Trial
 from exosight.evaluation import figures
 from exosight.evaluation.published import CONTACTS_PUBLISHED, FRAMES_KEPT, FRAMES_SIMULATED
-from exosight.evaluation.tables import Cell, Column, Table
+from exosight.evaluation.tables import Cell, Column, Table, sensor_table
 
 STORED: Mapping[str, tuple[float, float, tuple[float, ...]]] = {
     "published": (75.1, 11.0, (0.9954, 0.9989, 0.9985, 0.9990, 0.9987, 0.9977, 0.9699)),
@@ -26,7 +25,7 @@ def contact_models(path: PathSummary, surfaces: SurfaceResult, loops: Sequence[L
     path   of `published`, with the same exosuit
     loops  of `published`
     """
-    shipped = [("published", loop.constant) for loop in loops if loop.shipped]
+    own = surfaces.result
     return Section(
         "Contact of surfaces",
         (
@@ -41,8 +40,9 @@ def contact_models(path: PathSummary, surfaces: SurfaceResult, loops: Sequence[L
                 "Two line plots of F_net over u, one for each system, each with a branch for rising and one "
                 "for falling actuation.",
             ),
+            *([sensor_table("contacts_index", f"Each contact: {own.name}", own.scores)] if own else []),
             _stored_table(),
-            _loop_table([*shipped, ("index", surfaces.trials)]),
+            _loop_table([*loops, *surfaces.loops]),
         ),
     )
 
@@ -79,23 +79,25 @@ def _stored_table() -> Table:
     return Table("contact_models", "Data and accuracy, stored results", columns, tuple(rows), note)
 
 
-def _loop_table(shipped: Sequence[tuple[str, Sequence[Trial]]]) -> Table:
-    trials = shipped[0][1]
+def _loop_table(loops: Sequence[LoopResult]) -> Table:
+    trials = loops[0].constant
     targets = [f"{target_of(trial):.2f}\N{NO-BREAK SPACE}N" for trial in trials]
     groups = ("steps to settle at", "overshoot at")
     columns = (
-        Column("system"),
+        Column("network"),
         *(Column(target, "", groups[0]) for target in targets),
         *(Column(target, "%", groups[1], 0) for target in targets),
     )
     rows: list[tuple[Cell, ...]] = [
         (
-            name,
-            *(trial.settling_steps for trial in own),
-            *(float(trial.response.overshoot_percent) for trial in own),
+            loop.name,
+            *(trial.settling_steps for trial in loop.constant),
+            *(float(trial.response.overshoot_percent) for trial in loop.constant),
         )
-        for name, own in shipped
+        for loop in loops
     ]
     rows.append(("paper", *(published_steps(trial) for trial in trials), *[None] * len(trials)))
     note = f"K_P = {trials[0].gain:g}, images alone, run in this study. A dash: not settled within the run."
-    return Table("contact_models_loop", "The paper's law, shipped networks", columns, tuple(rows), note)
+    return Table(
+        "contact_models_loop", "The paper's law with both models of contact", columns, tuple(rows), note
+    )
