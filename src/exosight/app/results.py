@@ -129,7 +129,7 @@ class SurfaceResult:
     net_force: Float[np.ndarray, " steps"]
     """F_net [N]."""
     loops: Sequence[LoopResult]
-    """The paper's constant targets, with this study's network and the shipped one, as far as there are any."""
+    """The paper's constant targets, with this study's network and the shipped one, where there are any."""
     run: TrainingRun | None
     """This study's network on `index`, if it has one."""
     result: NetworkResult | None
