@@ -1,10 +1,14 @@
-"""A belt on a drum with Coulomb friction, in exosight and PyElastica: the ratio of tensions where it slips.
+"""Rods in contact, by exosight and by PyElastica: a belt on a drum with friction, and a rod against itself.
 
-The belt lies a quarter turn around a fixed drum, bent to it without stress, with straight ends. Where all of it
-slips, the tensions at the ends of the arc are T₁/T₀ = e^{μθ} if friction acts on the axis of the belt, and
+`python -m benchmarks.belt`, with the extra `compare` installed, writes docs/results/belt.json, which
+docs/validation.md shows. Times as in `benchmarks.neighbours`; the rod against itself is `benchmarks.strands`.
+
+The belt lies a quarter turn around a fixed drum, bent to it without stress, with straight ends. Where all of
+it slips, the tensions at the ends of the arc are T₁/T₀ = e^{μθ} if friction acts on the axis of the belt, and
 e^{μθ R/(R + r)} if it acts on the drum's surface, as the force's lever to the drum's centre is R then.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,8 +16,20 @@ import elastica
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks.neighbours import RESULTS, Case, write
+from benchmarks.strands import strands
 from exosight import lie
-from exosight.mechanics import Circular, DeadForce, Gauss, Link, NodalQuadratic, Robot, Rod, drive
+from exosight.mechanics import (
+    Circular,
+    DeadForce,
+    Gauss,
+    Link,
+    NodalQuadratic,
+    Robot,
+    Rod,
+    SolverOptions,
+    drive,
+)
 from exosight.mechanics.friction import friction
 from exosight.mechanics.kinematics import walk
 from exosight.mechanics.surface_contact import SolidContact, Solids, Tube
@@ -24,24 +40,25 @@ DRUM, RADIUS, LEAD = 0.02, 5e-4, 0.01
 """Radii of drum and belt, and length of each straight end [m]."""
 YOUNG, DENSITY, PULL = 1e7, 5000.0, 0.05
 """[Pa], [kg/m³]; the smaller tension, roughly [N]. Only the slow motion of PyElastica knows the density."""
-STIFFNESS = 1e6
-"""Of contact: force a length and a depth [N/m²]."""
 ARC = ANGLE * (DRUM + RADIUS)
 LENGTH = ARC + 2 * LEAD
 
 SPEED = 5e-3
 """Of the pulled end in PyElastica [m/s]."""
-RAMP, UNTIL = 0.05, 0.2
-"""Weight and speed have risen by then; the tensions are read then [s]."""
-BRAKE, DRAG = 0.25, 20.0
-"""PyElastica's `velocity_damping_coefficient` [N s/m], and damping of all motion [1/s]."""
+RAMP, UNTIL = 0.05, 0.1
+"""Weight and speed have risen by then; the tensions are read then [s]. Twice as late they are the same to
+0.03 %."""
+BRAKE, DRAG = 250.0, 20.0
+"""PyElastica's `velocity_damping_coefficient` over an element's length, several times what reaches μ N at
+SPEED [N s/m²]; damping of all motion [1/s]."""
 
 
 @dataclass(frozen=True)
 class Exosight:
-    """Clamped at one end and pulled at the other, at rest: the belt stretches, and slips all along the drum."""
+    """Clamped at one end, pulled at the other, at rest: the belt stretches and slips all along the drum."""
 
     elements: int
+    stiffness: float
 
     exact = float(np.exp(MU * ANGLE * DRUM / (DRUM + RADIUS)))
 
@@ -64,7 +81,7 @@ class Exosight:
         across = np.array([[0.0, -1, 0, 0], [1, 0, 0, -0.05], [0, 0, 1, 0], [0, 0, 0, 1]])
         drum = Link("drum", 0.1, np.zeros((1, 3)), mount=jnp.asarray(across))
         solids = Solids((("drum", 0),), np.array([0.1]), np.array([[DRUM, DRUM]]))
-        contact = SolidContact(Tube("belt", np.full(points.size, RADIUS)), solids, np.array(STIFFNESS))
+        contact = SolidContact(Tube("belt", np.full(points.size, RADIUS)), solids, np.array(self.stiffness))
         pull = DeadForce("belt", -1, 0, jnp.array([0.0, 0.0, -1.0]))
         bodies = (drum, belt)
         return Robot(bodies, (pull, contact, friction(contact, MU, Tree(bodies))))
@@ -72,7 +89,7 @@ class Exosight:
     def __call__(self) -> float:
         """T₁/T₀."""
         robot = self.robot()
-        found = drive([robot], np.array([[PULL * self.exact]]))
+        found = drive([robot], np.array([[PULL * self.exact]]), options=SolverOptions(unrolled=False))
         if not found.converged.all():
             raise RuntimeError("exosight did not converge")
         stretch = np.asarray(walk(robot, jnp.asarray(found.q[0, 0])).strain["belt"])[:, 3] - 1
@@ -86,7 +103,7 @@ class _Simulator(
 
 
 class _Pulled(elastica.ConstraintBase):
-    """The last node moves downwards, at a speed that rises to SPEED."""
+    """The last node moves downwards, at a speed that rises over RAMP."""
 
     def __init__(self, speed: float, **kwargs: Any) -> None:
         super().__init__(**kwargs)
@@ -103,33 +120,34 @@ class _Pulled(elastica.ConstraintBase):
 
 @dataclass(frozen=True)
 class PyElastica:
-    """A weight at one end, the other one pulled slowly: in PyElastica only what moves is held by friction."""
+    """A weight at one end, the other one pulled slowly: in PyElastica only what moves is held by friction.
+
+    stiffness   of contact, a length and a depth [N/m²]
+    """
 
     elements: int
+    stiffness: float
     speed: float = SPEED
-    until: float = UNTIL
 
     exact = float(np.exp(MU * ANGLE))
 
     def __call__(self) -> float:
         """T₁/T₀."""
-        nodes = np.linspace(0.0, LENGTH, self.elements + 1)
-        middle = nodes[:-1] + LENGTH / self.elements / 2
-        place, turn = self._axis(nodes)[0], self._axis(middle)[1]
+        size = LENGTH / self.elements
+        place = _axis(size * np.arange(self.elements + 1))
         tangent = np.diff(place, axis=1)
         tangent /= np.linalg.norm(tangent, axis=0)
         side = np.tile([[0.0], [1.0], [0.0]], (1, self.elements))
-        directors = np.stack([np.cross(side, tangent, axis=0), side, tangent])
         rod = elastica.CosseratRod.straight_rod(
-            self.elements, place[:, 0], tangent[:, 0], np.array([0.0, 1.0, 0.0]), LENGTH, RADIUS, DENSITY,
-            youngs_modulus=YOUNG, shear_modulus=28 / 27 * YOUNG / 3, position=place, directors=directors,
+            self.elements, place[:, 0], tangent[:, 0], side[:, 0], LENGTH, RADIUS, DENSITY,
+            youngs_modulus=YOUNG, shear_modulus=28 / 27 * YOUNG / 3, position=place,
+            directors=np.stack([np.cross(side, tangent, axis=0), side, tangent]),
         )  # fmt: skip
-        del turn
         rod.rest_kappa[:] = rod.kappa
         drum = elastica.Cylinder(
             np.array([0.0, -0.05, 0.0]), np.array([0.0, 1, 0]), np.array([0.0, 0, 1]), 0.1, DRUM, DENSITY
         )
-        step = 0.2 * LENGTH / self.elements / np.sqrt(YOUNG / DENSITY)
+        step = 0.2 * size / np.sqrt(YOUNG / DENSITY)
         simulator = _Simulator()
         for system in (rod, drum):
             simulator.append(system)
@@ -144,23 +162,53 @@ class PyElastica:
         )
         simulator.detect_contact_between(rod, drum).using(
             elastica.RodCylinderContact,
-            k=STIFFNESS * LENGTH / self.elements,
+            k=self.stiffness * size,
             nu=0.0,
-            velocity_damping_coefficient=BRAKE * LENGTH / self.elements / 1e-3,
+            velocity_damping_coefficient=BRAKE * size,
             friction_coefficient=MU,
         )
         simulator.finalize()
         stepper, now = elastica.PositionVerlet(), np.float64(0.0)
-        while now < self.until:
+        while now < UNTIL:
             now = stepper.step(simulator, now, step)
         tension = rod.shear_matrix[2, 2] * (rod.sigma[2] - rod.rest_sigma[2]) / rod.dilatation
         return float(tension[-3] / tension[2])
 
-    @staticmethod
-    def _axis(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (3, points) of the belt's axis at arc lengths, and how far it has turned there [rad]."""
-        turn = np.clip((s - LEAD) / (DRUM + RADIUS), 0.0, ANGLE)
-        before, after = np.minimum(s - LEAD, 0.0), np.maximum(s - LEAD - ARC, 0.0)
-        x = before + (DRUM + RADIUS) * np.sin(turn) + after * np.cos(ANGLE)
-        z = (DRUM + RADIUS) * np.cos(turn) - after * np.sin(ANGLE)
-        return np.stack([x, np.zeros_like(x), z]), turn
+
+def _axis(s: np.ndarray) -> np.ndarray:
+    """Places (3, points) of the belt's axis at arc lengths."""
+    turn = np.clip((s - LEAD) / (DRUM + RADIUS), 0.0, ANGLE)
+    before, after = np.minimum(s - LEAD, 0.0), np.maximum(s - LEAD - ARC, 0.0)
+    x = before + (DRUM + RADIUS) * np.sin(turn) + after * np.cos(ANGLE)
+    z = (DRUM + RADIUS) * np.cos(turn) - after * np.sin(ANGLE)
+    return np.stack([x, np.zeros_like(x), z])
+
+
+def belts() -> list[Case]:
+    """Ratio of the tensions against that of the program's own belt, relative."""
+
+    def off(exact: float) -> Callable[[float], float]:
+        return lambda found: abs(found / exact - 1)
+
+    ours = [Exosight(n, k) for n, k in ((10, 1e6), (20, 1e6), (10, 1e5))]
+    theirs = [PyElastica(n, k) for n, k in ((52, 1e6), (104, 1e6), (52, 1e5))]
+    slow = PyElastica(52, 1e5, SPEED / 10)
+    return [
+        *(Case("belt", "exosight", _setting(w), w, off(w.exact)) for w in ours),
+        *(Case("belt", "PyElastica", _setting(w), w, off(w.exact)) for w in theirs),
+        Case("belt", "PyElastica", f"{_setting(slow)}, 0.5 mm/s", slow, off(slow.exact)),
+    ]
+
+
+def _setting(work: Exosight | PyElastica) -> str:
+    return f"{work.elements} elements, {work.stiffness:.0e} N/m²"
+
+
+def main() -> None:
+    """Measure anew and write the numbers of docs/validation.md."""
+    packages = ("exosight", "pyelastica", "jax", "numba", "numpy")
+    write(RESULTS.with_name("belt.json"), [*belts(), *strands()], packages)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,7 +1,7 @@
-"""The balance of energy on closed paths: work of the loads = stored + lost, with friction, with creep, with both.
+"""The balance of energy on closed paths: work of the loads = stored + lost, with friction, creep and both.
 
-Work is taken from loads and places alone. Between loads that include those at which the path bends, the work of
-a straight piece is exact by the trapezoidal rule; on smooth pieces that of the rule falls with the step's square.
+Work is taken from loads and places alone, by the trapezoidal rule: exact on straight pieces, between loads
+that include those at which the path bends; on smooth ones its error falls with the step's square.
 """
 
 import jax
@@ -95,7 +95,7 @@ def balance(robot: Robot, loads: np.ndarray, scale: tuple[float, float]) -> tupl
 
 
 def test_friction_takes_the_work_of_a_closed_path(sprung: Robot) -> None:
-    """The block drawn to and fro, with loads where it begins to slip: exact, so to round-off of the solver."""
+    """The block drawn to and fro, with loads where it begins to slip: exact, to the solver's tolerance."""
     normal = PRESS / (1 + 1 / (2 * STIFFNESS))  # a weak spring holds it up
     grip = 2 * (2 / 3) * STIFFNESS  # of both ends
     first = MU * normal * (10.0 + grip) / grip
@@ -121,7 +121,7 @@ def test_friction_and_creep_take_the_work_of_a_closed_path(creeping: Robot) -> N
 
 
 def test_without_friction_a_path_gives_back_its_energy(sprung: Robot) -> None:
-    """Two loads around a loop, pressing and lifting off the plane, in other steps back: 1e-9 of the most stored."""
+    """Around a loop of two loads, off the plane and back in other steps: to 1e-9 of the most stored."""
     smooth = Robot(sprung.bodies, sprung.terms[:3])
     there = np.array([[0.1, 1.0, 0], [0.4, 2.0, 0], [0.5, -0.5, 0], [0.2, -0.2, 0]])
     back = np.array([[-0.3, 0.7, 0], [0.4, 2.0, 0], [0.3, 0.5, 0], [0.1, 1.0, 0]])
@@ -133,7 +133,9 @@ def test_without_friction_a_path_gives_back_its_energy(sprung: Robot) -> None:
 
 @settings(deadline=None, max_examples=15)
 @given(
-    st.lists(st.tuples(st.floats(-0.8, 0.8), st.floats(0.0, 2.0), st.floats(0.0, 1.0)), min_size=6, max_size=6)
+    st.lists(
+        st.tuples(st.floats(-0.8, 0.8), st.floats(0.0, 2.0), st.floats(0.0, 1.0)), min_size=6, max_size=6
+    )
 )
 def test_nothing_is_ever_gained_from_friction_and_dampers(
     creeping: Robot, steps: list[tuple[float, float, float]]
