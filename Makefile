@@ -32,6 +32,7 @@ bench: .venv/ready-test
 compare: .venv/ready-test
 	$(BIN)/python -m benchmarks.neighbours
 	$(BIN)/python -m benchmarks.rigid
+	$(BIN)/python -m benchmarks.belt
 	$(BIN)/python docs/figures_validation.py
 
 figures: .venv/ready-test

@@ -1,7 +1,7 @@
-"""Friction on exosuits of `index-friction`: what it costs, what it loses, and whether steps matter.
+"""Friction on exosuits of `index-friction`: what it costs, and whether steps matter.
 
-0 → 4 → 0 N at 101 loads without friction and with μ = 0.3, and the balance of work; the controller's exosuit
-in steps of 0.02, 0.1 and 0.5 N. Writes docs/results/friction.json.
+0 → 4 → 0 N at 101 loads without friction and with μ = 0.3; the controller's exosuit in steps of 0.02, 0.1 and
+0.5 N. Writes docs/results/friction.json.
 
     python -m benchmarks.friction [--per-scenario 2]
 """
@@ -11,18 +11,14 @@ import json
 import time
 from pathlib import Path
 
-import jax
 import numpy as np
-from jaxtyping import Float
 
+from benchmarks.balance import lost
 from benchmarks.surfaces import LOADS, Driven, driven, share_apart
 from exosight.control import CONTROL_SHAPE
 from exosight.exosuit.index import index, index_friction
 from exosight.exosuit.scenarios import sample_shapes
-from exosight.mechanics import Robot, potential, stack
-from exosight.mechanics.friction import Held
 from exosight.system.simulation import simulate_path
-from exosight.system.system import System
 
 RESULT = Path(__file__).parent.parent / "docs" / "results" / "friction.json"
 
@@ -40,69 +36,6 @@ def described(run: Driven, seconds: float) -> dict:
         "evaluations a load": round(float(found.iterations.mean()), 2),
         "share of loads with F_net over 5 mN apart": share_apart(run),
         "seconds, compilation included": round(seconds, 1),
-    }
-
-
-def lost(history: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Work that friction has taken so far, of (..., points, 12) numbers remembered: (...) [J]."""
-    (memory,) = history
-    points = Held.of(memory.reshape(-1, memory.shape[-1])).dissipated
-    return points.reshape(memory.shape[:-1]).sum(axis=-1)
-
-
-@jax.jit
-def _ways(robots: Robot, q: Float[np.ndarray, "shapes poses dofs"]) -> jax.Array:
-    """How far the actuators have moved at each pose [m]: Π falls by u times that."""
-
-    def one(robot: Robot, pose: jax.Array) -> jax.Array:
-        return potential(robot)(pose, np.zeros(1))[0].energy - potential(robot)(pose, np.ones(1))[0].energy
-
-    return jax.vmap(lambda robot, path: jax.lax.map(lambda pose: one(robot, pose), path))(robots, q)
-
-
-def works(smooth: list[System], run: Driven) -> np.ndarray:
-    """Work of each exosuit's actuator on the whole path [J]: ∫ u dw, with the poses on both sides of a snap.
-
-    smooth   the exosuits without friction, which w does not depend on
-    """
-    poses, loads = [], []
-    for q, snaps in zip(np.asarray(run.found.q), run.snaps, strict=True):
-        own_q, own_u = [], []
-        for k, (pose, load) in enumerate(zip(q, LOADS[:, 0], strict=True)):
-            for snap in (snap for snap in snaps if snap.step == k):
-                own_q += [snap.before, snap.after]
-                own_u += [snap.load[0]] * 2
-            own_q.append(pose)
-            own_u.append(load)
-        poses.append(own_q)
-        loads.append(own_u)
-    longest = max(map(len, loads))
-    u = np.array([own + own[-1:] * (longest - len(own)) for own in loads])
-    q = np.array([own + own[-1:] * (longest - len(own)) for own in poses])
-    way = np.asarray(_ways(stack([system.robot for system in smooth]), q))
-    return (0.5 * (u[:, 1:] + u[:, :-1]) * np.diff(way, axis=1)).sum(axis=1)
-
-
-def balance(smooth: list[System], run: Driven) -> dict:
-    """The actuators' work from 0 to 4 to 0 N, less what is still stored, against what is known to be lost.
-
-    A snap sets energy free, of which friction takes a part on the way down.
-    """
-    energy, memory = np.asarray(run.found.energy), np.asarray(run.found.history[0])
-    spent = works(smooth, run) - (energy[:, -1] - energy[:, 0])
-    friction = np.diff(lost((memory[:, [0, -1]],)), axis=1)[:, 0]
-    free = np.array([sum(snap.energy for snap in snaps) for snaps in run.snaps])
-    calm = np.array([not snaps for snaps in run.snaps])
-    return {
-        "work less stored energy, all paths [mJ]": round(1e3 * float(spent.sum()), 3),
-        "taken by friction, all paths [mJ]": round(1e3 * float(friction.sum()), 3),
-        "set free by snaps, all paths [mJ]": round(1e3 * float(free.sum()), 3),
-        "paths without a snap": int(calm.sum()),
-        "their work less stored energy [mJ]": round(1e3 * float(spent[calm].sum()), 4),
-        "taken by friction there [mJ]": round(1e3 * float(friction[calm].sum()), 4),
-        "largest difference of the two there, in the larger": round(
-            float((np.abs(spent - friction) / np.maximum(spent, friction))[calm].max(initial=0)), 5
-        ),
     }
 
 
@@ -141,14 +74,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=RESULT)
     given = parser.parse_args()
     shapes = [sample.shape for sample in sample_shapes(given.per_scenario, seed=0)]
-    smooth = [index(shape) for shape in shapes]
     result: dict = {"name": "friction", "shapes": len(shapes), "loads": len(LOADS)}
-    for name, systems in (("index", smooth), ("index-friction", [index_friction(s) for s in shapes])):
+    for name, made in (("index", index), ("index-friction", index_friction)):
         began = time.perf_counter()
-        run = driven(systems)
+        run = driven([made(shape) for shape in shapes])
         result[name] = described(run, time.perf_counter() - began)
-        if run.found.history:
-            result["balance of work"] = balance(smooth, run)
         print(json.dumps(result, indent=1), flush=True)
     result["the controller's exosuit in steps of"] = steps()
     given.out.write_text(json.dumps(result, indent=1) + "\n")

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from exosight.exosuit import assembly
 from exosight.exosuit.index import index
@@ -39,9 +40,9 @@ class Driven(NamedTuple):
     zones: np.ndarray
 
 
-def driven(systems: list[System]) -> Driven:
-    """Every system along the path."""
-    found, snaps = locate_snaps([system.robot for system in systems], LOADS)
+def driven(systems: list[System], loads: Float[np.ndarray, "loads 1"] = LOADS) -> Driven:
+    """Every system along a path of loads [N]."""
+    found, snaps = locate_snaps([system.robot for system in systems], loads)
     readings = np.asarray(observe(stack_systems(systems), found.q, found.history).readings)
     names = [sensor.name for sensor in systems[0].schema.sensors]
     zones = [i for i, name in enumerate(names) if name in systems[0].schema.outputs]

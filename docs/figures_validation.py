@@ -27,7 +27,7 @@ from exosight.evaluation.figures.style import (
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGES = HERE / "validation.md", HERE / "results", HERE / "images"
-NAMES = ("convergence", "neighbours", "processor", "rigid", "sorosim")
+NAMES = ("balance", "belt", "convergence", "neighbours", "processor", "rigid", "sorosim")
 
 PROBLEMS = {
     "cantilever": "error of the tip / length [-]",
@@ -184,9 +184,33 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
             [[name, _powers(line)] for name, line in lines["newton"].items()],
         ),
         "iterations": _iterations(lines["iterations"]),
+        "balance": table_of(
+            [
+                "step [N]",
+                "work [mJ]",
+                "lost to friction [mJ]",
+                "in snaps [mJ]",
+                "snaps",
+                "largest difference, no snap",
+                "with snaps",
+            ],
+            [
+                [
+                    f"{line['step [N]']:g}",
+                    *(
+                        f"{line[key]:.4f}"
+                        for key in ("work [mJ]", "lost to friction [mJ]", "lost in snaps [mJ]")
+                    ),
+                    str(line["snaps"]),
+                    _power(line["largest difference there, relative"]),
+                    _power(line["largest difference on paths with snaps, relative"]),
+                ]
+                for line in found["balance"]["steps"]
+            ],
+        ),
         **{
             f"{name}{part}": text
-            for name in ("neighbours", "rigid")
+            for name in ("neighbours", "belt", "rigid")
             for part, text in _compared(found[name]).items()
         },
     }

@@ -147,6 +147,43 @@ def test_derivatives_where_points_stick_and_slip(moved: float, evaluate: Callabl
         np.testing.assert_allclose(here[:, i], (ahead - behind) / (2 * step), atol=1e-8 * np.abs(here).max())
 
 
+def test_friction_goes_on_from_one_link_to_the_next() -> None:
+    """A rod drawn along two links in a row: all its points hold back by μ N, also those that change links."""
+    points = Gauss(2, 4)
+    radius = np.full(points.size, 0.005)
+    rod = Rod(
+        "rod", 0.03, Circular(radius), young=3e5, strains={"bend_y": NodalQuadratic(2)}, quadrature=points,
+        joint=Prismatic((1.0, 0.0, 0.0)), mount=lie.translation(jnp.array([0.03, 0.0, 0.0145])),
+    )  # fmt: skip
+    site = np.zeros((1, 3))
+    links = (
+        Link("one", 0.045, site),
+        Link("two", 0.045, site, mount=lie.translation(jnp.array([0.045, 0.0, 0.0]))),
+    )
+    solids = Solids((("one", 0), ("two", 0)), np.array([0.045, 0.045]), np.full((2, 2), 0.01))
+    contact = SolidContact(Tube("rod", radius), solids, np.array(3e5))
+    bodies = (rod, *links)
+    robot = Robot(bodies, (contact, friction(contact, MU, Tree(bodies))))
+
+    @eqx.filter_jit
+    def at(robot: Robot, x: float) -> tuple:
+        motion = walk(robot, jnp.zeros(robot.dofs).at[0].set(x))
+        term = robot.terms[1]
+        assert isinstance(term, Friction)
+        pressed = contact.pressing(robot, motion).force
+        return term.forces(robot, motion), pressed, robot.remember(motion, jnp.zeros(0))
+
+    partners = []
+    # Half a millimetre is more than the springs hold, a tenth is less.
+    for x in (0.0, *np.arange(5e-4, 5e-3, 1e-4)):
+        forces, pressed, memories = at(robot, x)
+        robot = robot.with_memories(memories)
+        partners.append(np.asarray(Held.of(memories[0]).partner))
+        if x > 0:
+            np.testing.assert_allclose(forces[:, 0], -MU * pressed, rtol=1e-9)
+    assert (partners[0] != partners[-1]).any()
+
+
 def test_a_belt_on_a_drum_holds_by_the_power_of_its_angle() -> None:
     """T₁/T₀ = exp(μ θ R/(R + r)) for a belt of radius r whose friction acts on the drum's surface, radius R.
 

@@ -38,6 +38,7 @@ class Snap(NamedTuple):
     before    (dofs,)       the pose just before
     after     (dofs,)       the pose at `load` that the jump leads to
     energy    what the jump sets free: Π of the pose left − Π of the pose reached [J]
+    taken     what friction took of it [J]; the rest is lost to the flow between the two
     """
 
     step: int
@@ -45,6 +46,7 @@ class Snap(NamedTuple):
     before: Float[np.ndarray, " dofs"]
     after: Float[np.ndarray, " dofs"]
     energy: float
+    taken: float
 
 
 class Problems(NamedTuple):
@@ -285,6 +287,7 @@ def _keep_snaps(found: Solutions, state: ContinuationState, lane: int, number: i
                 np.array(records.before[lane, i]),
                 np.array(records.after[lane, i]),
                 float(records.released[lane, i]),
+                float(records.taken[lane, i]),
             )
         )
 

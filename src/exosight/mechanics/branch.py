@@ -31,6 +31,8 @@ class Anchor(NamedTuple):
     tangent   (dofs,)       dq/dt
     reach     ()            how far in t the first open pair is from closing, along the tangent
     memories                what the terms of the robot remember there
+    energy    ()            Π at zero load [J]
+    by_load   (channels,)   Λ = ∂Π/∂u [m, for a force]
     """
 
     q: Float[AnyArray, " dofs"]
@@ -38,6 +40,8 @@ class Anchor(NamedTuple):
     tangent: Float[AnyArray, " dofs"]
     reach: Float[AnyArray, ""]
     memories: Memories
+    energy: Float[AnyArray, ""]
+    by_load: Float[AnyArray, " channels"]
 
 
 class Beyond(NamedTuple):

@@ -65,8 +65,9 @@ def stepper(
         going = jnp.where(descending, flow.step, seen.correction)
         free = evaluator.step_fraction(pose, jnp.where(arrived, seen.tangent, going))
         now = now._replace(descent=now.descent._replace(here=_without_matrices(before)))
+        taken = _dissipated(robot, remembered) - _dissipated(robot, now.anchor.memories)
         now, entry = evaluator.call(
-            _advanced(robot.conservative), limits, segment, now, remembered, seen, flow, free
+            _advanced(robot.conservative), limits, segment, now, remembered, seen, flow, free, taken
         )
         here = now.descent.here._replace(hessian=kept[0], coupling=kept[1])
         jacobian = hessian if coupling is None else hessian + coupling
@@ -74,6 +75,10 @@ def stepper(
         return now._replace(descent=now.descent._replace(here=here), records=records)
 
     return step
+
+
+def _dissipated(robot: Robot, memories: Memories) -> AnyArray:
+    return robot.with_memories(memories).dissipated()
 
 
 def _matrices(here: Evaluation) -> tuple[AnyArray, AnyArray | None]:
@@ -155,6 +160,7 @@ def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entr
         seen: Seen,
         flow: Flow,
         free: Float[AnyArray, ""],
+        taken: Float[AnyArray, ""],
     ) -> tuple[ContinuationState, Entry]:
         problem = _problem(conservative, limits)
         point, verdict, moved = seen.point, seen.verdict, seen.moved
@@ -165,7 +171,7 @@ def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entr
             jnp.where(moved_on, new, old) for new, old in zip(remembered, state.memories, strict=True)
         )
         state = state._replace(memories=memories)
-        state, entry = _settle(state, problem, segment, point, verdict, moved, seen.tangent)
+        state, entry = _settle(state, problem, segment, point, verdict, moved, seen.tangent, taken)
         # What is remembered changes the forces of a descent, so they are found again at the same pose.
         again = going if remembered else jnp.array(False)
         ways = Directions(seen.correction, *flow, seen.accepted, free, by_t, again)
@@ -209,12 +215,16 @@ def _settle(
     verdict: Verdict,
     moved: Descent,
     tangent: Float[AnyArray, " dofs"],
+    taken: Float[AnyArray, ""],
 ) -> tuple[ContinuationState, Entry]:
-    """The state with what has been found, and what to record of it; `tangent`: dq/dt from here on."""
+    """The state with what has been found, and what to record of it.
+
+    tangent   dq/dt from here on
+    taken     what terms with a memory have dissipated since the anchor [J]
+    """
     arrived, at_load, lost = verdict.arrived, verdict.at_load, verdict.lost
     metric = problem.metric
     descending = state.phase == DESCEND
-    start = jnp.where(descending & (state.tries == 0), point.here.energy, state.start)
     far = metric.size(point.q - state.anchor.q) > SNAPPED * metric.range(point.q)
     # Robots that have all their loads behind them go on beside the others, but nothing of it counts.
     meant = state.load < segment.total
@@ -223,13 +233,13 @@ def _settle(
     done = (at_load | lost) & meant
     now = state._replace(
         steps=steps,
-        start=start,
         snapped=state.snapped | jumped,
         tied=state.tied | (descending & point.converged & ~point.stable),
     )
     reached = jnp.where(at_load, segment.target, segment.load(state.anchor.t))
-    entry = entry_of(now, point, at_load, done, reached, jumped, segment.load(state.t))
+    entry = entry_of(now, point, at_load, done, reached, jumped, segment.load(state.t), taken)
     t = jnp.where(at_load, 0.0, state.t)
+    unloaded = point.here.energy - segment.load(state.t) @ point.here.load_energy
     small = arrived & descending & state.snap & ~far
     now = now._replace(
         load=jnp.minimum(state.load + done, segment.total),
@@ -245,6 +255,8 @@ def _settle(
             memories=jax.tree.map(
                 lambda new, old: jnp.where(arrived, new, old), state.memories, state.anchor.memories
             ),
+            energy=jnp.where(arrived, unloaded, state.anchor.energy),
+            by_load=jnp.where(arrived, point.here.load_energy, state.anchor.by_load),
         ),
         descent=moved,
         nudge=jnp.where(small, 8 * state.nudge, jnp.where(arrived, 1.0, state.nudge)),

@@ -31,8 +31,12 @@ def entry_of(
     reached: AnyArray,
     jumped: AnyArray,
     snap_load: AnyArray,
+    taken: AnyArray,
 ) -> Entry:
-    """What to record where the load is `done`, and of a snap at `snap_load` if the pose has `jumped`."""
+    """What to record where the load is `done`, and of a snap at `snap_load` if the pose has `jumped`.
+
+    taken   what terms with a memory have dissipated since the anchor [J]
+    """
     of_load = {
         "q": jnp.where(at_load, point.q, state.anchor.q),
         "energy": point.here.energy,
@@ -51,7 +55,8 @@ def entry_of(
         "snap_load": snap_load,
         "before": state.anchor.q,
         "after": point.q,
-        "released": state.start - point.here.energy,
+        "released": state.anchor.energy + snap_load @ state.anchor.by_load - point.here.energy,
+        "taken": taken,
     }
     return Entry(jnp.asarray(state.load), jnp.asarray(state.snaps), done, jumped, of_load, of_snap)
 

@@ -23,7 +23,8 @@ class Records(NamedTuple):
 
     memories      what the terms of the robot remember there
     snap_step     the load on the way to which it snapped
-    snap_load     the load of the snap; `before` and `after` the poses there, and the energy set free [J]
+    snap_load     the load of the snap; `before` and `after` the poses there, the energy set free, and what
+                  terms with a memory took of it [J]
     """
 
     q: Float[AnyArray, "loads dofs"]
@@ -41,6 +42,7 @@ class Records(NamedTuple):
     before: Float[AnyArray, "snaps dofs"]
     after: Float[AnyArray, "snaps dofs"]
     released: Float[AnyArray, " snaps"]
+    taken: Float[AnyArray, " snaps"]
 
 
 class ContinuationState(NamedTuple):
@@ -54,7 +56,7 @@ class ContinuationState(NamedTuple):
     s, growth      length along the branch that is aimed at (ALONG), and how much longer the next may be
     previous       of the Newton step before: the tangent there, and the length of its correction
     memories       what the terms remember: from the anchor, or from the last point of a descent
-    snap           the present descent is from the end of a branch, from energy `start` [J]
+    snap           the present descent is from the end of a branch
     nudge          how far past the end of the branch the next descent is to begin, in units of what counts
     snapped, tied  since the last load
     """
@@ -75,7 +77,6 @@ class ContinuationState(NamedTuple):
     previous: tuple[Float[AnyArray, " dofs"], Float[AnyArray, ""]]
     memories: Memories
     snap: Bool[AnyArray, ""]
-    start: Float[AnyArray, ""]
     nudge: Float[AnyArray, ""]
     snapped: Bool[AnyArray, ""]
     tied: Bool[AnyArray, ""]
@@ -103,7 +104,7 @@ def begin(
         phase=whole + DESCEND,
         tries=whole,
         origin=zeros(channels) + origin,
-        anchor=Anchor(q, one, zeros(n), one, memories),
+        anchor=Anchor(q, one, zeros(n), one, memories, one, zeros(channels)),
         beyond=Beyond(flag, zeros(n), one, zeros(n), one, whole),
         descent=Descent(q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, ~flag),
         q=q,
@@ -113,7 +114,6 @@ def begin(
         previous=(zeros(n), one + np.inf),
         memories=memories,
         snap=flag,
-        start=one,
         nudge=one + 1,
         snapped=flag,
         tied=flag,
@@ -133,5 +133,6 @@ def begin(
             before=zeros((SNAPS, n)),
             after=zeros((SNAPS, n)),
             released=zeros(SNAPS),
+            taken=zeros(SNAPS),
         ),
     )

@@ -144,8 +144,7 @@ class Friction(TermWithMemory):
         own = motion.pose[self.contact.point_frames(tree)]
         other = self._partner(tree, motion.pose, now.partner, jnp.eye(4))
         slip, k = self.slip(tree, motion, now.force), self.stiffness(tree)
-        same = held.partner == now.partner
-        kept = jnp.where(same[:, None], slip.held[:, None] * slip.stretch, 0.0)
+        kept = slip.held[:, None] * slip.stretch
         kept = kept - jnp.sum(kept * now.normal, axis=1, keepdims=True) * now.normal
         bound = self.coefficient * now.force
         slid = slip.length * (1 - slip.held)
