@@ -132,22 +132,23 @@ class SphereContact(Term):
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
             position = motion.position
             overlap, n, distance = self.pairs(tree, position)
-            depth = jnp.maximum(overlap, 0.0)
+            touches = overlap > 0
+            depth = jnp.where(touches, overlap, 0.0)
             # ∂²E/∂p²: k n nᵀ − (k d / r)(I − n nᵀ) where the pair touches
-            bend = self.stiffness * depth / distance
-            along = jnp.where(overlap > 0, self.stiffness, 0.0) + bend
+            bend = jnp.where(touches, self.stiffness * overlap / distance, 0.0)
+            along = jnp.where(touches[..., None], (self.stiffness + bend)[..., None] * n, 0.0)
             wrench, stiffness = jnp.zeros((tree.frames, 6)), jnp.zeros((tree.frames, 6, 6))
             for frames, sign, side in ((a, -1.0, lambda x: x), (b, 1.0, lambda x: jnp.swapaxes(x, 0, 1))):
-                at, normal, weight = position[frames], side(n), side(along)[..., None]
+                at, normal = position[frames], side(n)
                 force = sign * self.stiffness * (side(depth)[:, None] @ normal)[:, 0]
-                k = jnp.swapaxes(weight * normal, 1, 2) @ normal
+                k = jnp.swapaxes(side(along), 1, 2) @ normal
                 k = k - jnp.sum(side(bend), axis=1)[:, None, None] * jnp.eye(3)
                 wrench += on_frames(point_wrench(at, force), frames, tree.frames)
                 stiffness += on_frames(point_stiffness(at, force, k), frames, tree.frames)
             # Coupling of the two sides.
             da, db = motion.points(a, move_a), motion.points(b, move_b)
             moved = sum(n[:, :, i, None] * db[None, :, i] for i in range(3))  # n · db, by pair
-            between = jnp.swapaxes(along[..., None] * n, 1, 2) @ moved - jnp.einsum("ab,biq->aiq", bend, db)
+            between = jnp.swapaxes(along, 1, 2) @ moved - jnp.einsum("ab,biq->aiq", bend, db)
             block = -between.reshape(3 * len(a), len(move_b)).T @ da.reshape(3 * len(a), len(move_a))
             coupling = spread(spread(block, move_a, tree.dofs).T, move_b, tree.dofs)
             return zero(tree, loads)._replace(
