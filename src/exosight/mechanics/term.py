@@ -204,8 +204,13 @@ def square(x: Float[Array, "points n"]) -> Float[Array, "points n n"]:
     return x[:, :, None] * x[:, None, :]
 
 
-def where_each(condition: Bool[Array, " points"], values: Float[AnyArray, "points ..."]) -> Float[Array, "points ..."]:
-    """Values of the points that a condition holds for, else 0; scalar programs skip what only these need."""
+def where_each(
+    condition: Bool[Array, " points"], values: Float[AnyArray, "points ..."]
+) -> Float[Array, "points ..."]:
+    """Values of the points that a condition holds for, else 0.
+
+    Scalar programs compute what only these need where the condition holds in one of their samples.
+    """
     return jnp.where(condition.reshape(-1, *[1] * (values.ndim - 1)), values, 0.0)
 
 

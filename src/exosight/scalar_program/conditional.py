@@ -98,7 +98,7 @@ def _additions(
     own: Sequence[int],
     one: int,
 ) -> tuple[list[int], dict[int, _Addition]]:
-    """Sums of something and of what is zero without a condition; and all values, with those of shorter sums."""
+    """All values, with those of shorter sums, and which sums add what is zero without a condition."""
     choices = {i for i in own if op[i] == Op.SELECT and known.get(args[i][2]) == 0}
     often: Counter[int | None] = Counter(
         args[a][0] for i in own if op[i] in SUMS for a in choices.intersection(args[i])
@@ -165,16 +165,14 @@ def _split(
 
 def _sum(values: Sequence[int], total: int | None, one: int) -> tuple[Op, tuple[int, ...]]:
     """A sum of products of pairs of values, and of a total."""
-    if total is not None:
-        if len(values) > 2:
-            return Op.DOT, (*values, total, one)
-        a, b = values
-        if one in values:
-            return Op.ADD, (total, b if a == one else a)
-        return Op.MULTIPLY_ADD, (a, b, total)
-    if len(values) > 4 or one not in values:
-        return (Op.MUL if len(values) == 2 else Op.DOT), tuple(values)
-    return Op.DOT, tuple(values)
+    if total is None:
+        return Op.DOT, tuple(values)
+    if len(values) > 2:
+        return Op.DOT, (*values, total, one)
+    a, b = values
+    if one in values:
+        return Op.ADD, (total, b if a == one else a)
+    return Op.MULTIPLY_ADD, (a, b, total)
 
 
 def _needed(
@@ -208,7 +206,7 @@ def _blocks(
     guard: Mapping[int, int | None],
     users: Mapping[int, Collection[int]],
 ) -> list[Block]:
-    """First all that is always needed, as far as it can be computed, then the first block that can be; again."""
+    """What is always needed, as far as it can be computed, then the first block that can be; and so on."""
     place = {i: at for at, i in enumerate(own)}
     waits = {i: len({a for a in args[i] if a in place}) for i in own}
     later: dict[int, list[int]] = defaultdict(list)

@@ -170,9 +170,7 @@ def _allocated(
     )
 
 
-def _code(
-    op: list[int], args: list[tuple[int, ...]], order: list[int], slot: dict[int, int]
-) -> list[int]:
+def _code(op: list[int], args: list[tuple[int, ...]], order: list[int], slot: dict[int, int]) -> list[int]:
     terms = {int(Op.DOT): lambda a: len(a) // 2, int(Op.LOOKUP): lambda a: len(a) - 1}
     kinds = [(op[i], terms[op[i]](args[i])) if op[i] in terms else (op[i],) for i in order]
     code: list[int] = []
