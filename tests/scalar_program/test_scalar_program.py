@@ -11,6 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from exosight.scalar_program import Unsupported, call_unrolled, unroll
+from exosight.scalar_program.conditional import arrange
+from exosight.scalar_program.graph import Graph
+from exosight.scalar_program.operations import Op
+from exosight.scalar_program.tracing import values_of
 
 SAME = 1e-14
 """Some units in the last place: sums are taken in another order, and products fused into them."""
@@ -188,3 +192,54 @@ def test_what_cannot_be_unrolled_is_named(function: Callable, named: str) -> Non
 def test_a_stage_cannot_know_what_comes_later() -> None:
     with pytest.raises(ValueError, match="stage 0 depend on arguments of a later one"):
         unroll(lambda a, b: (a + b, ()), [np.ones(2), np.ones(2)])
+
+
+def touching(x: jax.Array, weights: jax.Array) -> tuple:
+    """Sums over points of what counts only where a point touches, as of a contact."""
+    gap = x[:, 0]
+    touches, deep = gap < 0, gap < -0.5
+    force = jnp.exp(-x) * jnp.sin(x @ weights)
+    inner = jnp.where(deep[:, None], jnp.sqrt(1 + force**2) @ weights, force)
+    block = jnp.where(touches[:, None, None], inner[:, :, None] * force[:, None, :], 0.0)
+    which = jnp.where(touches[:, None] & (x > 0.2), 1.0, 0.0)
+    total = jnp.sum(block, axis=0) + weights
+    rest = which.T @ jnp.where(touches[:, None], force, 0.0)
+    return total, rest, weights - block[0], jnp.sum(jnp.where(touches, force @ gap[:3], 0.0))
+
+
+@given(hnp.arrays(float, (11, 4, 3), elements=st.floats(-1, 1)), st.sampled_from([-2.0, -0.5, 0.5, 2.0]))
+@settings(max_examples=20, deadline=None)
+def test_what_is_skipped_counts_for_nothing(x: np.ndarray, shift: float) -> None:
+    """Whether points touch in all of the samples, in some or in none."""
+    weights = np.arange(9.0).reshape(3, 3) / 5
+    x = x + shift * (np.arange(4) % 2)[:, None]
+    program = unroll(lambda given: (touching(*given),), [(x[0], weights)])
+    found = jax.vmap(lambda x: program(0, None, (x, weights))[0])(x)
+    for ours, theirs in zip(found, jax.vmap(lambda x: touching(x, weights))(x), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=10 * SAME, atol=10 * SAME)
+
+
+def test_what_only_a_condition_needs_is_behind_it() -> None:
+    """All in an order in which it can be computed; what nobody else needs in blocks of its condition."""
+    graph = Graph()
+    inputs = np.array(graph.inputs(21), dtype=np.int64)
+    jaxpr = jax.make_jaxpr(touching)(np.zeros((4, 3)), np.zeros((3, 3)))
+    results = values_of(graph, jaxpr, [inputs[:12].reshape(4, 3), inputs[12:].reshape(3, 3)])
+    wanted = {value for result in results for value in result.ravel().tolist()}
+    one = graph.constant(1.0)
+    op, args = list(graph.op), list(graph.args)
+    own = [i for i in range(len(op)) if op[i] >= 0]
+    blocks, instead = arrange(op, args, graph.known, own, wanted, one)
+    known = set(range(len(op))) - set(own) - {i for block in blocks for i in block.values}
+    for block in blocks:
+        assert block.condition is None or block.condition in known
+        for i in block.values:
+            assert known.issuperset(args[i])
+            known.add(i)
+    assert known >= wanted
+    sines = {i for i in own if op[i] == Op.SIN}
+    guarded = {i for block in blocks if block.condition is not None for i in block.values}
+    assert len(sines) == 12
+    assert guarded.issuperset(sines)
+    assert instead
+    assert guarded.issuperset(instead)

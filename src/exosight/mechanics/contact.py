@@ -13,7 +13,16 @@ from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.kinematics import Motion, at_points, spread
-from exosight.mechanics.term import Bound, Expansion, Term, on_frames, point_stiffness, point_wrench, zero
+from exosight.mechanics.term import (
+    Bound,
+    Expansion,
+    Term,
+    on_frames,
+    point_stiffness,
+    point_wrench,
+    where_each,
+    zero,
+)
 from exosight.mechanics.tree import Tree
 
 
@@ -135,19 +144,28 @@ class SphereContact(Term):
             depth = jnp.maximum(overlap, 0.0)
             # ∂²E/∂p²: k n nᵀ − (k d / r)(I − n nᵀ) where the pair touches
             bend = self.stiffness * depth / distance
-            along = jnp.where(overlap > 0, self.stiffness, 0.0) + bend
+            along = (jnp.where(overlap > 0, self.stiffness, 0.0) + bend)[..., None] * n
+            touches = jnp.any(overlap > 0, axis=1)
+            each = depth, bend, along
+            touching = tuple(where_each(touches, values) for values in each)
             wrench, stiffness = jnp.zeros((tree.frames, 6)), jnp.zeros((tree.frames, 6, 6))
-            for frames, sign, side in ((a, -1.0, lambda x: x), (b, 1.0, lambda x: jnp.swapaxes(x, 0, 1))):
-                at, normal, weight = position[frames], side(n), side(along)[..., None]
-                force = sign * self.stiffness * (side(depth)[:, None] @ normal)[:, 0]
-                k = jnp.swapaxes(weight * normal, 1, 2) @ normal
-                k = k - jnp.sum(side(bend), axis=1)[:, None, None] * jnp.eye(3)
-                wrench += on_frames(point_wrench(at, force), frames, tree.frames)
-                stiffness += on_frames(point_stiffness(at, force, k), frames, tree.frames)
+            for frames, sign, normal, (deep, bent, pushed) in (
+                (a, -1.0, n, each),
+                (b, 1.0, jnp.swapaxes(n, 0, 1), [jnp.swapaxes(values, 0, 1) for values in touching]),
+            ):
+                force = sign * self.stiffness * (deep[:, None] @ normal)[:, 0]
+                k = jnp.swapaxes(pushed, 1, 2) @ normal
+                k = k - jnp.sum(bent, axis=1)[:, None, None] * jnp.eye(3)
+                parts = point_wrench(position[frames], force), point_stiffness(position[frames], force, k)
+                if frames is a:
+                    parts = tuple(where_each(touches, part) for part in parts)
+                wrench += on_frames(parts[0], frames, tree.frames)
+                stiffness += on_frames(parts[1], frames, tree.frames)
             # Coupling of the two sides.
             da, db = motion.points(a, move_a), motion.points(b, move_b)
             moved = sum(n[:, :, i, None] * db[None, :, i] for i in range(3))  # n · db, by pair
-            between = jnp.swapaxes(along[..., None] * n, 1, 2) @ moved - jnp.einsum("ab,biq->aiq", bend, db)
+            between = jnp.swapaxes(along, 1, 2) @ moved - jnp.einsum("ab,biq->aiq", bend, db)
+            between = where_each(touches, between)
             block = -between.reshape(3 * len(a), len(move_b)).T @ da.reshape(3 * len(a), len(move_a))
             coupling = spread(spread(block, move_a, tree.dofs).T, move_b, tree.dofs)
             return zero(tree, loads)._replace(

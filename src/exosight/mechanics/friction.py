@@ -37,6 +37,7 @@ from exosight.mechanics.term import (
     point_stiffness,
     point_wrench,
     square,
+    where_each,
     zero,
 )
 from exosight.mechanics.tree import Tree
@@ -194,19 +195,22 @@ class Friction(TermWithMemory):
             bend = jnp.eye(3) - square(normal) - slips[:, None, None] * square(direction)
             own = point_stiffness(slip.place, force, pull[:, None, None] * bend)
             wrench = point_wrench(slip.place, force)
-            chosen = jnp.where(held.partner[:, None] == np.arange(len(b)), 1.0, 0.0)
+            pressed = now.force > 0
+            chosen = jnp.where((held.partner[:, None] == np.arange(len(b))) & pressed[:, None], 1.0, 0.0)
             jacobian_a = motion.jacobian[a]
             still = jnp.zeros(jacobian_a.shape[1:])
             jacobian_b = self._partner(tree, motion.jacobian, held.partner, still)
             coupled = (own + 0.5 * lie.coad(wrench)) @ jacobian_b
-            block = -jnp.einsum("pia,pib->ab", jacobian_a, coupled)
+            block = -jnp.einsum("pia,pib->ab", jacobian_a, where_each(pressed, coupled))
             relative = at_points(jacobian_a, slip.place) - at_points(jacobian_b, slip.place)
             slide = jnp.einsum("pi,pia->pa", slips[:, None] * self.coefficient * direction, relative)
+            slide = where_each(pressed, slide)
             on_b = jnp.einsum("pn,pij->nij", chosen, own)
+            on_a = where_each(pressed, wrench), where_each(pressed, own)
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(k * (slip.held * slip.length) ** 2),
-                wrench=_summed(wrench, a, tree.frames) - _summed(chosen.T @ wrench, b, tree.frames),
-                stiffness=_summed(own, a, tree.frames) + _summed(on_b, b, tree.frames),
+                wrench=_summed(on_a[0], a, tree.frames) - _summed(chosen.T @ wrench, b, tree.frames),
+                stiffness=_summed(on_a[1], a, tree.frames) + _summed(on_b, b, tree.frames),
                 hessian=block + block.T,
                 coupling=slide.T @ now.rate,
             )

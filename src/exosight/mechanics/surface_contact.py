@@ -35,6 +35,7 @@ from exosight.mechanics.term import (
     point_stiffness,
     point_wrench,
     square,
+    where_each,
     zero,
 )
 from exosight.mechanics.tree import Tree
@@ -329,22 +330,27 @@ class SolidContact(Term):
             both = factor[:, None, None] * units[0][:, :, None] * units[1][:, None, :]
             wrench, stiffness = jnp.zeros((tree.frames, 6)), jnp.zeros((tree.frames, 6, 6))
             block = jnp.zeros((len(move_a), len(move_b)))
-            for touch, share, unit, cross in zip(
-                at.touches, at.share, units, (jnp.swapaxes(both, 1, 2), both), strict=True
+            touches = at.overlap > 0
+            two = touches & (at.share[1] > 0)
+            for counts, touch, share, unit, cross in zip(
+                (touches, two), at.touches, at.share, units, (jnp.swapaxes(both, 1, 2), both), strict=True
             ):
                 along = square(touch.normal) + square(touch.tangent) - jnp.eye(3)
                 bend = (share * push * touch.bent)[:, None, None] * along
                 own = point_stiffness(position, -(share * push)[:, None] * touch.normal, bend)
                 own += (touching * share**2 + fillet)[:, None, None] * square(unit)
                 force = -(share * push)[:, None] * unit
-                wrench += on_frames(force, a, tree.frames) - on_frames(touch.which.T @ force, b, tree.frames)
-                stiffness += on_frames(own + cross, a, tree.frames)
-                on_solids = jnp.einsum("ps,pij->sij", touch.which, own)
+                on_points = where_each(counts, force)
+                wrench += on_frames(on_points, a, tree.frames)
+                wrench -= on_frames(touch.which.T @ on_points, b, tree.frames)
+                stiffness += on_frames(where_each(counts, own + cross), a, tree.frames)
+                on_solids = jnp.einsum("ps,pij->sij", touch.which, where_each(counts, own))
                 stiffness += on_frames(on_solids, b, tree.frames)
                 of_solid = jnp.einsum("ps,sik->pik", touch.which, of_solids)
                 coupled = (own + cross + 0.5 * lie.coad(force)) @ of_solid
-                block -= jnp.einsum("pia,pib->ab", of_points, coupled)
-            pairs = jnp.einsum("ps,pz,pij->szij", at.touches[0].which, at.touches[1].which, both)
+                block -= jnp.einsum("pia,pib->ab", of_points, where_each(counts, coupled))
+            which = [touch.which for touch in at.touches]
+            pairs = jnp.einsum("ps,pz,pij->szij", *which, where_each(two, both))
             between = jnp.einsum("sia,szij,zjb->ab", of_solids, pairs, of_solids)
             hessian = spread(spread(block.T, move_a, tree.dofs).T, move_b, tree.dofs)
             hessian += spread(spread(between.T, move_b, tree.dofs).T, move_b, tree.dofs)

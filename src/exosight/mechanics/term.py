@@ -13,7 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from exosight import lie
 from exosight.arrays import AnyArray
@@ -202,6 +202,16 @@ def zero(tree: Tree, loads: Float[Array, " loads"]) -> Expansion:
 def square(x: Float[Array, "points n"]) -> Float[Array, "points n n"]:
     """x xᵀ of each."""
     return x[:, :, None] * x[:, None, :]
+
+
+def where_each(
+    condition: Bool[Array, " points"], values: Float[AnyArray, "points ..."]
+) -> Float[Array, "points ..."]:
+    """Values of the points that a condition holds for, else 0.
+
+    Scalar programs compute what only these need where the condition holds in one of their samples.
+    """
+    return jnp.where(condition.reshape(-1, *[1] * (values.ndim - 1)), values, 0.0)
 
 
 def one_channel(values: Float[Array, "..."], channel: int, count: int) -> Float[Array, "count ..."]:

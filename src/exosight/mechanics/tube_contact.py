@@ -34,6 +34,7 @@ from exosight.mechanics.term import (
     on_frames,
     point_stiffness,
     point_wrench,
+    where_each,
     zero,
 )
 from exosight.mechanics.tree import Tree
@@ -179,8 +180,9 @@ class TubeContact(Term):
             force = -push[:, None] * at.normal
             levers, weights = _levers(at, 0)
             # Frames: on each point the force, on the nodes of its piece its opposite by their weights.
-            wrench = on_frames(point_wrench(position, force), a, tree.frames)
-            stiffness = on_frames(point_stiffness(position, force), a, tree.frames)
+            touches = at.overlap > 0
+            wrench = on_frames(where_each(touches, point_wrench(position, force)), a, tree.frames)
+            stiffness = on_frames(where_each(touches, point_stiffness(position, force)), a, tree.frames)
             for node in range(2):
                 of_node = (at.piece[:, None] + node == np.arange(len(b))) & may_touch
                 share = weights[:, node, None]
@@ -193,7 +195,7 @@ class TubeContact(Term):
                     .set(share[..., None])
                 )
                 bent = point_stiffness(levers[:, node], force) * blocks
-                chosen = jnp.where(of_node, 1.0, 0.0)
+                chosen = jnp.where(of_node & touches[:, None], 1.0, 0.0)
                 wrench -= on_frames(chosen.T @ on_node, b, tree.frames)
                 stiffness -= on_frames(jnp.einsum("pn,pij->nij", chosen, bent), b, tree.frames)
             moved = _moved(at, jacobian[a], jacobian[b], position)
@@ -213,10 +215,9 @@ class TubeContact(Term):
             bend = push / at.distance
             slid = -jnp.einsum("pi,pia->pa", along, aside) / at.distance[:, None] - turned
             follows = jnp.where(at.free, push / jnp.where(at.free, _second(at), 1.0), 0.0)
-            touching = jnp.where(at.overlap > 0, weight, 0.0)
-            columns = jnp.concatenate([normal, *jnp.unstack(aside, axis=1), slid])
-            factors = jnp.concatenate([touching, -bend, -bend, -bend, follows])
-            block = _weighted_squares(columns, factors)
+            columns = jnp.concatenate([normal[:, None], aside, slid[:, None]], axis=1)
+            factors = jnp.stack([weight + 0.0 * bend, -bend, -bend, -bend, follows], axis=1)
+            block = _weighted_squares(columns, factors, touches)
             whole = spread(
                 spread(block, tuple(moving.tolist()), tree.dofs).T, tuple(moving.tolist()), tree.dofs
             )
@@ -382,12 +383,15 @@ def _second(at: Closest) -> Float[Array, " points"]:
 
 
 def _weighted_squares(
-    columns: Float[Array, "some dofs"], factors: Float[Array, " some"]
+    columns: Float[Array, "points some dofs"],
+    factors: Float[Array, "points some"],
+    counts: Bool[Array, " points"],
 ) -> Float[Array, "dofs dofs"]:
-    """Σ factor xᵀ x, each pair of coordinates once."""
-    count = columns.shape[1]
+    """Σ factor xᵀ x over the points that count, each pair of coordinates once."""
+    count = columns.shape[2]
     i, j = np.triu_indices(count)
-    half = jnp.sum((factors[:, None] * columns)[:, i] * columns[:, j], axis=0)
+    products = jnp.sum((factors[..., None] * columns)[..., i] * columns[..., j], axis=1)
+    half = jnp.sum(where_each(counts, products), axis=0)
     place = np.zeros((count, count), int)
     place[i, j] = place[j, i] = np.arange(len(i))
     return half[place]

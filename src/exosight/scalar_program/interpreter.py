@@ -148,7 +148,10 @@ def _run(module: ir.Module, word: ir.IntType, lanes: int) -> Value:
         block = b.append_basic_block(op.name)
         switch.add_case(LONG(int(op)), block)
         b.position_at_end(block)
-        _one_kind(b, op, count, slots, place)
+        if op == Op.SKIP:
+            _skip(b, count, slots, place)
+        else:
+            _one_kind(b, op, count, slots, place)
         b.branch(head)
     return function
 
@@ -158,6 +161,18 @@ def _take(b: Builder, place: Value) -> Value:
     here = b.load(place)
     b.store(b.gep(here, [LONG(1)]), place)
     return b.zext(b.load(here), LONG)
+
+
+def _skip(b: Builder, low: Value, slots: Value, place: Value) -> None:
+    """Leave out the next words of the code unless a number is not zero in one of the lanes."""
+    words = b.add(low, b.shl(_take(b, place), LONG(16)))
+    condition = b.load(b.gep(slots, [_take(b, place)], inbounds=True))
+    lanes = condition.type.count
+    holds = b.fcmp_unordered("!=", condition, ir.Constant(condition.type, [0.0] * lanes))
+    one = ir.IntType(lanes)
+    nowhere = b.icmp_unsigned("==", b.bitcast(holds, one), one(0))
+    here = b.load(place)
+    b.store(b.gep(here, [b.select(nowhere, words, LONG(0))]), place)
 
 
 def _one_kind(b: Builder, op: Op, count: Value, slots: Value, place: Value) -> None:

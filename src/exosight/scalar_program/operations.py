@@ -6,7 +6,10 @@ import numpy as np
 
 
 class Op(IntEnum):
-    """An operation of the interpreter; comparisons give 1.0 or 0.0."""
+    """An operation of the interpreter; comparisons give 1.0 or 0.0.
+
+    SKIP leaves out the code of a block unless a number is not zero in one of the samples.
+    """
 
     ADD = 0
     SUB = 1
@@ -48,6 +51,7 @@ class Op(IntEnum):
     CBRT = 37
     LOOKUP = 38
     TRUNC = 39
+    SKIP = 40
     CONSTANT = -1
     INPUT = -2
 

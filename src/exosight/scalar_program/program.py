@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Integer
 
+from exosight.scalar_program.conditional import Arranged, arrange
 from exosight.scalar_program.graph import Graph
 from exosight.scalar_program.operations import Op
 
@@ -24,7 +25,7 @@ class Program(NamedTuple):
     """What the interpreter runs. Slots 0, 1, … hold first the constants, then the arguments.
 
     code        runs of equal operations: operation, count, terms (of a DOT or LOOKUP), then slots of each,
-                result first
+                result first; before blocks: SKIP, their words (two numbers below 2¹⁶), slot of the condition
     outputs     slots of the results
     constants   values of the first slots
     slots       how many there are
@@ -65,7 +66,8 @@ def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
         later |= {value for after in stages[number + 1 :] for value in after.results}
         handing = sorted(a for a in later if op[a] != Op.CONSTANT and level[a] <= number)
         results = [*stage.results, *handing]
-        made.append(_arrange(graph, op, args, own, [*handed, *stage.arguments], results))
+        arranged = arrange(op, args, graph.known, own, set(results), one)
+        made.append(_allocated(graph, op, args, arranged, [*handed, *stage.arguments], results))
         handed = handing
     return made
 
@@ -126,38 +128,49 @@ def _fuse(
     return [i for i in live if i not in gone]
 
 
-def _arrange(
+def _allocated(
     graph: Graph,
     op: list[int],
     args: list[tuple[int, ...]],
-    own: list[int],
+    arranged: Arranged,
     arguments: Sequence[int],
     results: Sequence[int],
 ) -> Program:
     """Slots for all values, and the code; a slot is used again once its value is used up."""
+    blocks, instead = arranged
+    own = [i for block in blocks for i in block.values]
     used = {a for i in own for a in args[i]} | set(results)
     constants = [a for a in sorted(used) if op[a] == Op.CONSTANT]
     slot = {value: place for place, value in enumerate((*constants, *arguments))}
-    last = {a: place for place, i in enumerate(own) for a in args[i]}
+    asked = {block.values[0]: (block.condition,) for block in blocks if block.condition is not None}
+    uses = [{*args[i], *asked.get(i, ())} for i in own]
+    last = {a: place for place, operands in enumerate(uses) for a in operands}
     kept, free, top = set(results), [], len(constants) + len(arguments)
     for place, i in enumerate(own):
-        if free:
+        if i in instead:
+            slot[i] = slot[instead[i]]
+        elif free:
             slot[i] = free.pop()
         else:
             slot[i] = top
             top += 1
-        free += [slot[a] for a in set(args[i]) if last[a] == place and a not in kept]
+        free += [slot[a] for a in uses[place] if last[a] == place and a not in kept and a != instead.get(i)]
+    word = np.uint16 if top < 2**16 else np.uint32
+    code: list[int] = []
+    for condition, values in blocks:
+        of_block = _code(op, args, values, slot)
+        if condition is not None:
+            code += [Op.SKIP, len(of_block) % 2**16, len(of_block) // 2**16, slot[condition]]
+        code += of_block
     return Program(
-        code=_code(op, args, own, slot, np.uint16 if top < 2**16 else np.uint32),
+        code=np.array(code, dtype=word),
         outputs=np.array([slot[value] for value in results], dtype=np.int32),
         constants=np.array([graph.known[value] for value in constants]),
         slots=top,
     )
 
 
-def _code(
-    op: list[int], args: list[tuple[int, ...]], order: list[int], slot: dict[int, int], word: type
-) -> Integer[np.ndarray, " words"]:
+def _code(op: list[int], args: list[tuple[int, ...]], order: list[int], slot: dict[int, int]) -> list[int]:
     terms = {int(Op.DOT): lambda a: len(a) // 2, int(Op.LOOKUP): lambda a: len(a) - 1}
     kinds = [(op[i], terms[op[i]](args[i])) if op[i] in terms else (op[i],) for i in order]
     code: list[int] = []
@@ -171,4 +184,4 @@ def _code(
                 code.append(slot[i])
                 code += [slot[a] for a in args[i]]
             at, left = at + count, left - count
-    return np.array(code, dtype=word)
+    return code
