@@ -71,9 +71,10 @@ def identify(
     known_gains   whether the file's gains are certain
     done          called with the number of pictures taken in so far
 
-    Raises InputError for a system with friction or readings of sensors that it has not; ConvergenceError
-    where no pose is found.
+    Raises InputError for fewer than two pictures or commands, a system with friction or readings of sensors
+    that it has not; ConvergenceError where no pose is found.
     """
+    measured.check_identifiable()
     prior = Prior() if prior is None else prior
     values = complete(values)
     problem = Problem(Model(values, parameters_of(values, prior, known_gains)), measured, prior)
