@@ -10,7 +10,7 @@ is looked for, with d the distances of the outline's points from the model's sil
 
     f = f(q(x), x),    cov f = G C Gᵀ,    G = df/dx,
 
-C that of `posterior`. Where several stable poses belong to a load, the one is taken that fits the outline best.
+C that of `posterior`. Where several stable poses belong to a load, the one that fits best is taken.
 """
 
 from collections.abc import Iterator

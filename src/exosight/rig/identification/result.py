@@ -52,6 +52,15 @@ class Identification:
     rested: bool
     elsewhere: tuple[int, ...]
 
+    def named(self, name: str) -> Values:
+        """The file under another name, with the 95 % intervals of its bodies as what varies."""
+        vary = [
+            {"entry": each.entry, "low": f"{each.low!r} {each.unit}", "high": f"{each.high!r} {each.unit}"}
+            for each in self.estimates
+            if each.entry.startswith(("rods.", "links."))
+        ]
+        return {**self.values, "name": name, "vary": vary}
+
     @property
     def toml(self) -> str:
         """The fitted system file."""
