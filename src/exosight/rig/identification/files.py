@@ -73,6 +73,11 @@ def read_commands(
     if named is not None and not named.is_numeric:
         stems = {PurePath(name).stem for name in names}
         table = table.rows([PurePath(cell).stem in stems for cell in named.cells])
+        if not len(table):
+            raise InputError(
+                f"{table.source}: expected a row for every picture, got none for {names[0]}; column "
+                f"{named.heading} names other pictures"
+            )
     pictures = PictureFolder(Path(), tuple(PurePath(name).as_posix() for name in names))
     return _commands(table, schema)[_rows(table, pictures)]
 
