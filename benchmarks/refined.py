@@ -1,6 +1,6 @@
 """Forces on pictures of rigs that differ from the model: a network alone, and refined by an identified model.
 
-    python -m benchmarks.refined [--rigs 8]
+    python -m benchmarks.refined [--rigs 6]
 
 writes docs/results/refined.json, which docs/identification.md shows. Two sets of rigs like `index`, of drawn
 tapered exosuits: as the model says, and with joints twice as stiff and moduli less by 30 %. Each is
@@ -16,7 +16,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import jax
 import numpy as np
 from jaxtyping import UInt8
 
@@ -146,16 +145,16 @@ def shown(rows: list[dict[str, Any]]) -> None:
 def main() -> None:
     """Measure and write, rig by rig."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--rigs", type=int, default=8)
+    parser.add_argument("--rigs", type=int, default=6)
     network = OnnxEstimator.load(model_path(None, NAME), alone=True)
     rows: list[dict[str, Any]] = []
     for number in range(parser.parse_args().rigs):
         for name in SETS:
             rows += measure(number, name, network)
-            jax.clear_caches()  # else many structures exhaust a process's maps of memory
-        shown(rows)
+            print(f"rig {number}, {name}: {time.process_time():.0f} s", flush=True)
         result = {"cpu": cpu_name(), "noise [pixels]": NOISE, "load error": LOAD_ERROR, "rows": rows}
         RESULTS.write_text(json.dumps(result) + "\n")
+    shown(rows)
 
 
 if __name__ == "__main__":
