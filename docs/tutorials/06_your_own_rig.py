@@ -40,8 +40,8 @@ cameras.side = { centre = ["35 mm", "0 mm"], pixel = "1.5 mm", roll = "0 deg", w
 """)
 
 # %%
-# The hardware. Nothing below reads its numbers; there is a picture of its camera, a load cell, and a valve that
-# takes volts from a serial line and closes where no line has come for half a second. Its driver is
+# The hardware. Nothing below reads its numbers; there is a picture of its camera, a load cell, and a valve
+# that takes volts from a serial line and closes where no line has come for half a second. Its driver is
 # :class:`exosight.control.line_receiver.LineReceiver`; a microcontroller needs the same few lines.
 
 from exosight.control.line_receiver import LineReceiver
@@ -82,10 +82,8 @@ class Rig:
 
     def look(self):
         """The valve follows its line, the rig comes to rest, the camera looks."""
-        try:
-            self.valve.take(os.read(self._serial, 4064))
-        except BlockingIOError:
-            pass
+        if select.select([self._serial], [], [], 1.0)[0]:  # it may take a moment
+            self.valve.take(os.read(self._serial, 4096))
         self.set_pressure(float(np.interp(self.valve.value, VOLTS, KILOPASCALS)))
         return self.picture()
 
@@ -140,8 +138,8 @@ for each in found.estimates:
 # A network of that rig
 # ---------------------
 #
-# ``exosight generate --system my_rig.toml`` draws rigs within the intervals; ``exosight train`` learns to read
-# them. A demonstration: an accurate network needs some hundred designs.
+# ``exosight generate --system my_rig.toml`` draws rigs within the intervals; ``exosight train`` learns to
+# read them. A demonstration: an accurate network needs some hundred designs.
 
 from exosight.app.data import divided, load
 from exosight.app.pipeline import fit
@@ -163,8 +161,9 @@ network = OnnxEstimator.load(folder / "network" / "model.onnx")
 # --------
 #
 # The valve takes volts: a calibration, volts against the pressure that the channel is in, turns one into the
-# other, and keeps the controller within its range. The same as ``exosight live --source 0 --system my_rig.toml
-# --model network/model.onnx --send /dev/ttyUSB0 --actuator valve.csv``, but that the rig brings its own clock.
+# other, and keeps the controller within its range. The same as ``exosight live --source 0 --system
+# my_rig.toml --model network/model.onnx --send /dev/ttyUSB0 --actuator valve.csv``, but that the rig brings
+# its own clock.
 
 from exosight.control import Guarded, Scheduled
 from exosight.control.actuator_curve import read_actuator_curve, within_curve
