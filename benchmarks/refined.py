@@ -2,7 +2,7 @@
 
     python -m benchmarks.refined [--rigs 6]
 
-writes docs/results/refined.json, which docs/identification.md shows. Two sets of rigs like `index`, of drawn
+writes docs/results/refined.json, which docs/identification.md shows (`python docs/figures_identification.py`). Two sets of rigs like `index`, of drawn
 tapered exosuits: as the model says, and with joints twice as stiff and moduli less by 30 %. Each is
 identified from twelve pictures from 0.25 to 3 N. Then it is pictured 22 times on the way from 0 to 3 N and
 back, at loads that are known to 1 %. Points of all outlines are moved by 0.3 pixels of Gaussian noise in both
@@ -117,31 +117,6 @@ def measure(number: int, name: str, network: OnnxEstimator) -> list[dict[str, An
     return rows
 
 
-def shown(rows: list[dict[str, Any]]) -> None:
-    """Errors of each set so far."""
-    for name in SETS:
-        own = [row for row in rows if row["set"] == name]
-        true, network, refined, deviation = (
-            np.array([row[key] for row in own]) for key in ("true", "network", "refined", "deviation")
-        )
-        if not len(own):
-            continue
-        for what, found in (("network", network), ("refined", refined)):
-            r = [np.corrcoef(true[:, i], found[:, i])[0, 1] for i in range(true.shape[1])]
-            net = found.sum(axis=1) - true.sum(axis=1)
-            r_net = np.corrcoef(true.sum(axis=1), found.sum(axis=1))[0, 1]
-            print(
-                name, what, "r", np.round(r, 3), f"mean {np.mean(r):.3f}, F_net r {r_net:.3f}",
-                f"RMSE {1e3 * np.sqrt(np.mean((found - true) ** 2)):.1f} mN, "
-                f"F_net {1e3 * np.sqrt(np.mean(net**2)):.1f} mN",
-            )  # fmt: skip
-        z = (refined - true) / deviation
-        print("|z| < 1.96:", np.mean(np.abs(z) < 1.96), "z RMS", np.sqrt(np.mean(z**2)))
-        for key in ("OOD score", "disagreement score"):
-            print(key, "above 1:", np.mean([row[key] > 1 for row in own]))
-        print("CPU seconds", np.median([row["CPU seconds"] for row in own], axis=0))
-
-
 def main() -> None:
     """Measure and write, rig by rig."""
     parser = argparse.ArgumentParser()
@@ -154,7 +129,6 @@ def main() -> None:
             print(f"rig {number}, {name}: {time.process_time():.0f} s", flush=True)
         result = {"cpu": cpu_name(), "noise [pixels]": NOISE, "load error": LOAD_ERROR, "rows": rows}
         RESULTS.write_text(json.dumps(result) + "\n")
-    shown(rows)
 
 
 if __name__ == "__main__":
