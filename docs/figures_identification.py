@@ -15,6 +15,11 @@ from exosight.evaluation.figures.style import BLUE, GRAY, GREEN, VERMILION, new_
 HERE = control.HERE
 PAGE, IMAGE = HERE / "identification.md", control.IMAGES / "identification.png"
 RESULT = HERE / "results" / "identification.json"
+REFINED = HERE / "results" / "refined.json"
+LEAST, TOUCH = 0.01, 0.001
+"""Forces [N] that a zone must reach to have a correlation, and above which there is contact."""
+NORMAL_95 = 1.96
+SCORES = {"network": "OOD score", "refined": "disagreement score"}
 CASES = ("loads in newtons", "one force reading", "neither")
 PANELS = (
     ("Young's modulus [kPa]", 1e-3, ("rods.exosuit.young",)),
@@ -106,11 +111,42 @@ def inside(rows: list[Row]) -> float:
     )
 
 
+def refined_table(rows: list[Row]) -> str:
+    """The network alone and refined, on rigs as the model, others, and both together."""
+    names = list(dict.fromkeys(row["set"] for row in rows))
+    sets = {**{name: [row for row in rows if row["set"] == name] for name in names}, "all": rows}
+    cells: dict[str, list[str]] = {}
+    for chosen in sets.values():
+        true, deviation = (np.array([row[key] for row in chosen]) for key in ("true", "deviation"))
+        net, pressed = true.sum(axis=1), true.max(axis=0) > LEAST
+        for key in ("network", "refined"):
+            found = np.array([row[key] for row in chosen])
+            r = [np.corrcoef(true[:, i], found[:, i])[0, 1] for i in np.flatnonzero(pressed)]
+            both = (true > TOUCH) | (found > TOUCH)
+            within = (np.abs(found - true) <= NORMAL_95 * deviation)[both].mean()
+            error = found.sum(axis=1) - net
+            within_net = np.abs(error) <= NORMAL_95 * np.array([row["net deviation"] for row in chosen])
+            score = np.array([row[SCORES[key]] for row in chosen])
+            for name, value in (
+                ("r, mean over zones", f"{np.mean(r):.3f}"),
+                ("r of F_net", f"{np.corrcoef(net, found.sum(axis=1))[0, 1]:.3f}"),
+                ("RMSE of a zone [mN]", f"{1e3 * np.sqrt(np.mean((found - true) ** 2)):.1f}"),
+                ("RMSE of F_net [mN]", f"{1e3 * np.sqrt(np.mean(error**2)):.1f}"),
+                ("zones within 1.96 deviations [%]", f"{100 * within:.0f}" if key == "refined" else "–"),
+                ("F_net within [%]", f"{100 * within_net.mean():.0f}" if key == "refined" else "–"),
+                ("flagged: OOD score, disagreement [%]", f"{100 * (score > 1).mean():.0f}"),
+            ):
+                cells.setdefault(name, []).append(value)
+    heads = [f"{name}: {key}" for name in sets for key in ("network", "refined")]
+    return table_of(("", *heads), [[name, *values] for name, values in cells.items()])
+
+
 def main() -> None:
-    """Draw, and write the table into the page."""
+    """Draw, and write the tables into the page."""
     rows = load()
     save(picture(rows), IMAGE)
-    fill(PAGE, {"rigs": table(rows)})
+    refined = json.loads(REFINED.read_text(encoding="utf-8"))["rows"]
+    fill(PAGE, {"rigs": table(rows), "refined": refined_table(refined)})
 
 
 if __name__ == "__main__":

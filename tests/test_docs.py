@@ -107,6 +107,18 @@ def test_the_guard_lets_go(built: Path) -> None:
     assert number(text, r"F_net held: true ([\d.]+) N") == pytest.approx(0.25, rel=0.05)
 
 
+def test_a_rig_is_controlled_from_an_empty_folder(built: Path) -> None:
+    text = printed(built, "06_your_own_rig")
+    # True: 380 kPa and 0.035 N m/rad. The load cell counts as known to 1 %, pictures are 64 pixels wide.
+    assert number(text, r"young: ([\d.]+)") == pytest.approx(380, rel=0.05)
+    assert number(text, r"stiffness: ([\d.]+)") == pytest.approx(0.035, rel=0.05)
+    # A network of 30 designs and 20 epochs: within 2 to 5 %, differently on other processors.
+    assert number(text, r"off by (\d+) %") < 15
+    assert "lines lost 0, refused 0" in text
+    assert number(text, r"valve at ([\d.]+) V") == pytest.approx(5.25)  # 30 kPa on the valve's curve
+    assert number(text, r"without a line at ([\d.]+) V") == 1  # closed
+
+
 @pytest.mark.parametrize("opset", [17, 16])
 def test_older_operator_sets_answer_the_same(opset: int, tmp_path: Path) -> None:
     """The code of docs/matlab.md, on the shipped network: other operator sets do the same arithmetic."""

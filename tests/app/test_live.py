@@ -105,10 +105,10 @@ def test_pictures_that_are_not_trusted_move_nothing(
     words = ["--rate", "100", "--send", "-", "--json", str(tmp_path / "run.json")]
     main(["live", "--source", str(folder), "--seconds", "0.2", *words])
     shown = capfd.readouterr()
-    lines = [float(line) for line in shown.out.splitlines()]
+    numbers, names, values, units = zip(*(line.split(" ") for line in shown.out.splitlines()), strict=True)
     found = json.loads((tmp_path / "run.json").read_text())
-    assert len(lines) == found["steps"] + 2  # one before, one a step, one at the end
-    assert set(lines) == {0.0}
+    assert list(map(int, numbers)) == list(range(found["steps"] + 2))  # before, at each step, at the end
+    assert (set(names), set(map(float, values)), set(units)) == ({"u"}, {0.0}, {"N"})
     told = " ".join(shown.err.split())
     assert "an out-of-distribution image" in told
     assert "show the system as the training images do" in told
@@ -274,6 +274,7 @@ def test_a_stop_lets_go_first(
         (["--source", "63"], "camera 63"),
         (["--send", "-"], "--source"),
         (["--crop", "0", "0", "9"], "--source"),
+        (["--source", ".", "--actuator", "valve.csv"], "expected --send with --actuator"),
         (["--target", "-1"], "target"),
         (["--rate", "0"], "rate"),
         (["--r0", "0.02"], "r0"),

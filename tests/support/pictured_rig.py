@@ -19,6 +19,25 @@ TRUTH = {
     "cameras.side.pixel": "1.04 mm",
     "cameras.side.roll": "4.0 deg",
 }
+UNCERTAIN = {
+    "rods.actuator.young": (300.0, "kPa", 0.05),
+    "links.bone.joint.stiffness": (0.05, "N m/rad", 0.08),
+    "links.bone.length": (50.0, "mm", 0.01),
+}
+"""What of the lever an identification leaves uncertain: middle, unit, and deviation of the logarithm."""
+
+
+def vary(width: float = 1.96) -> list[dict[str, str]]:
+    """The tables of a file that say so; of a 95 % interval, or so many deviations."""
+    return [
+        {"entry": entry, "low": scaled(entry, -width), "high": scaled(entry, width)} for entry in UNCERTAIN
+    ]
+
+
+def scaled(entry: str, deviations: float) -> str:
+    """What is uncertain, so many deviations from its middle."""
+    value, unit, deviation = UNCERTAIN[entry]
+    return f"{float(value * np.exp(deviation * deviations))!r} {unit}"
 
 
 @dataclass(frozen=True)

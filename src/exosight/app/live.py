@@ -10,7 +10,8 @@ import numpy as np
 
 from exosight.app.console import say
 from exosight.app.stopping import PATIENCE, STOP
-from exosight.control.actuators import Lines, NoActuator
+from exosight.control.actuator_curve import ActuatorCurve
+from exosight.control.actuators import Actuator, Lines, NoActuator
 from exosight.control.estimator import OnnxEstimator
 from exosight.control.guard import GuardConfig, Guarded, State
 from exosight.control.paths import ControllerConfig
@@ -21,6 +22,7 @@ from exosight.control.simulated import SimulatedPlant
 from exosight.control.simulated_device import SimulatedDevice
 from exosight.control.sources import FrameStream, open_source
 from exosight.evaluation.tables import Column, Table
+from exosight.system.schema import Channel
 from exosight.system.system import System
 from exosight.vision.pictures import Crop
 
@@ -199,10 +201,17 @@ def opened(
         yield frames, source.isdecimal()
 
 
-def on_source(run: LiveRun, source: tuple[FrameStream, bool], send: str | None, log: Log) -> None:
+def on_source(
+    run: LiveRun,
+    source: tuple[FrameStream, bool],
+    send: str | None,
+    log: Log,
+    curve: ActuatorCurve | None = None,
+) -> None:
     """Look through a camera or at pictures in files, and write the command to whoever reads it at `send`.
 
     source   as `opened` gives it
+    curve    of the actuator there; None: it takes the command in the unit of its channel
     """
     frames, from_camera = source
     guarded = Guarded(
@@ -211,8 +220,16 @@ def on_source(run: LiveRun, source: tuple[FrameStream, bool], send: str | None, 
     with ExitStack() as stack:
         done = stack.enter_context(written(run, guarded, log))
         stack.enter_context(_lets_go(run.config))
-        actuator = stack.enter_context(closing(NoActuator() if send is None else Lines.open(send)))
+        actuator = stack.enter_context(closing(_sender(send, run.config.driven, curve)))
         log.missed_at_end = run_live(frames, run.network.read, guarded, actuator, run.target, done)
+
+
+def _sender(send: str | None, driven: Channel, curve: ActuatorCurve | None) -> Actuator:
+    if send is None:
+        return NoActuator()
+    if curve is None:
+        return Lines.open(send, driven.name, driven.unit)
+    return Lines.open(send, curve.name, curve.unit, curve.at)
 
 
 def frozen_frames(from_camera: bool, period: float) -> int:

@@ -5,6 +5,7 @@ import re
 import socket
 import stat
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from io import FileIO, RawIOBase
 from pathlib import Path
@@ -51,16 +52,30 @@ class NoActuator:
 
 
 class Lines:
-    """One line a step with u in the unit of its channel, "2.3750", for a program or device that reads them.
+    """One line a step, "17 u 2.3750 N", for a program or device that reads them, see `LineReceiver`.
 
-    stream  of bytes, not buffered
+    It is a heartbeat too: number, from 0, name, value and unit, at every step, whether the value changed or
+    not; the last line releases. Whoever reads releases by itself where no line comes.
+
+    stream      of bytes, not buffered
+    name, unit  of what is sent
+    command     what is sent for a load, such as `ActuatorCurve.at`; by default the load itself
     """
 
-    def __init__(self, stream: RawIOBase) -> None:
-        self._stream = stream
+    def __init__(
+        self,
+        stream: RawIOBase,
+        name: str,
+        unit: str,
+        command: Callable[[float], float] = lambda load: load,
+    ) -> None:
+        self._stream, self._name, self._unit, self._command = stream, name, unit, command
+        self._count = 0
 
     @staticmethod
-    def open(place: str) -> "Lines":
+    def open(
+        place: str, name: str, unit: str, command: Callable[[float], float] = lambda load: load
+    ) -> "Lines":
         """Lines to a new file, a named pipe, a serial device, or a program on the network; "-" is stdout.
 
         A serial device, "/dev/ttyUSB0" or "/dev/ttyUSB0@9600", gets bytes of 8 bits without parity or flow
@@ -69,27 +84,12 @@ class Lines:
         Raises DataError if the place cannot be written, or is a file that is there already; InputError for a
         speed that serial devices do not have, or a network place that is none.
         """
-        if place == "-":
-            return Lines(open(sys.stdout.fileno(), "wb", buffering=0, closefd=False))
-        if place.startswith(UDP):
-            return Lines(_datagrams(place))
-        path, baud = serial_place(place)
-        if path.is_file():
-            raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
-        try:
-            stream = path.open("ab", buffering=0)  # a device cannot be truncated
-            try:
-                _prepare(stream.fileno(), path, baud)
-            except BaseException:
-                stream.close()
-                raise
-            return Lines(stream)
-        except OSError as error:
-            raise DataError(f"{path}: cannot be written ({error.strerror}); name another place") from error
+        return Lines(_stream(place), name, unit, command)
 
     def apply(self, u: float) -> None:
         """Write one line; DataError if it can no longer be written, or if nobody reads what was written."""
-        line = b"%.4f\n" % u
+        line = f"{self._count} {self._name} {self._command(u):.4f} {self._unit}\n".encode()
+        self._count += 1
         try:
             written = self._stream.write(line)
         except (OSError, ValueError) as error:  # ValueError: the stream is closed
@@ -98,10 +98,31 @@ class Lines:
             raise DataError("u cannot be sent (whoever reads it has stopped); look after the actuator")
 
     def close(self) -> None:
-        """Write 0.0000 as the last line, if it can be written."""
+        """Write the command of no load as the last line, if it can be written."""
         with suppress(DataError):
             self.apply(0.0)
         self._stream.close()
+
+
+def _stream(place: str) -> RawIOBase:
+    """Where `Lines.open` writes."""
+    if place == "-":
+        return open(sys.stdout.fileno(), "wb", buffering=0, closefd=False)
+    if place.startswith(UDP):
+        return _datagrams(place)
+    path, baud = serial_place(place)
+    if path.is_file():
+        raise DataError(f"{path}: exists already; name a new file, nothing is overwritten")
+    try:
+        stream = path.open("ab", buffering=0)  # a device cannot be truncated
+        try:
+            _prepare(stream.fileno(), path, baud)
+        except BaseException:
+            stream.close()
+            raise
+        return stream
+    except OSError as error:
+        raise DataError(f"{path}: cannot be written ({error.strerror}); name another place") from error
 
 
 def serial_place(place: str) -> tuple[Path, int | None]:

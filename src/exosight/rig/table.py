@@ -3,9 +3,10 @@
 import csv
 import io
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -84,6 +85,11 @@ class ReadingTable:
 
     def __len__(self) -> int:
         return len(self.columns[0].cells) if self.columns else 0
+
+    def rows(self, keep: Sequence[bool]) -> "ReadingTable":
+        """The rows that are to be kept."""
+        columns = (replace(column, cells=tuple(compress(column.cells, keep))) for column in self.columns)
+        return replace(self, columns=tuple(columns))
 
     def column(self, name: str) -> TableColumn:
         """A column by its heading or name; InputError if there is none."""

@@ -134,11 +134,11 @@ def test_intervals_hold_their_share(model: Model, pictured: Pictured) -> None:
 def test_what_cannot_be_identified_is_refused(lever: Values, pictured: Pictured) -> None:
     outlines = pictured.measured.outlines
     with pytest.raises(InputError, match="at least two"):
-        Measurements(COMMANDS[:1], outlines[:1])
+        identify(lever, Measurements(COMMANDS[:1], outlines[:1]))
     with pytest.raises(InputError, match="one row a picture, 4"):
         Measurements(COMMANDS[:3], outlines)
     with pytest.raises(InputError, match="two commands or more"):
-        Measurements(0 * COMMANDS, outlines)
+        identify(lever, Measurements(0 * COMMANDS, outlines))
     with pytest.raises(InputError, match="got palm"):
         identify(lever, Measurements(COMMANDS, outlines, {"palm": np.ones(4)}))
     rough = {**lever, "contacts": {"press": {**lever["contacts"]["press"], "friction": 0.3}}}

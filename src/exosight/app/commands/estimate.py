@@ -13,6 +13,9 @@ from exosight.errors import DataError, ExosightError, InputError
 from exosight.evaluation.naming import common_unit, forces_only, kind, row_name, sums
 from exosight.evaluation.tables import Column, Table
 
+INDEX = "index"
+"""Whose network reads pictures of a system file, if no other is named."""
+
 if TYPE_CHECKING:
     from exosight.control.estimator import Reading
     from exosight.system.schema import Schema
@@ -24,6 +27,8 @@ def estimate(
     model: MaybePath = None,
     level: float = 0.9,
     crop: Pixels = None,
+    loads: MaybePath = None,
+    masks: MaybePath = None,
     plot: Plot = None,
     json: Json = None,
 ) -> None:
@@ -34,18 +39,25 @@ def estimate(
     A picture that cannot be read is named with the reason, the others are estimated, and the exit status is
     2.
 
-    Example:
+    With the model of a rig (exosight identify) and the loads of the pictures, a few Gauss-Newton steps on
+    each picture's outline find pose and forces as well. Both are shown, and whether they agree.
+
+    Examples:
       exosight estimate image.png
       exosight estimate frames/*.png --json -
       exosight estimate photo_640x480.png --crop 80 0 480
+      exosight estimate frames/*.png --system my_rig.toml --loads loads.csv
 
     Args:
         images: picture files (PNG, JPEG, TIFF)
-        system: preset whose network reads the pictures, if no other is named
+        system: preset whose network reads the pictures, if no other is named; with --loads a system file
         model: exported network, from `exosight train`; the package's own for the system if left out
         level: share of true values that the intervals are to hold: 0.5, 0.8, 0.9, 0.95 or 0.99
         crop: part of each picture that the network gets [pixels]; its height follows from the network's
             aspect ratio; default: all of it
+        loads: table (CSV) with the load of each picture, as exosight identify takes it
+        masks: folder with a mask of each picture, of its name, as exosight identify takes them; default:
+            outlines are found in the pictures
         plot: draw the estimates with their intervals over the pictures, to a new file (PNG, PDF or SVG)
         json: write the estimates as JSON to a new file, or to stdout with "-", instead of tables
     """
@@ -56,13 +68,21 @@ def estimate(
 
     if not images:
         raise InputError("estimate: expected at least one picture, got none; see exosight estimate --help")
-    if system not in SHIPPED_MODELS:
+    refines = system.endswith(".toml")
+    if refines != (loads is not None) or (masks is not None and loads is None):
+        raise InputError("estimate: expected --loads together with a system file, --system my_rig.toml")
+    if system not in SHIPPED_MODELS and not refines:
         raise InputError(
             f"system: expected {', '.join(SHIPPED_MODELS)}, got {system!r}; for another give --model alone"
         )
-    estimator = OnnxEstimator.load(model_path(model, system), alone=True)
+    estimator = OnnxEstimator.load(model_path(model, INDEX if refines else system), alone=True)
     schema = estimator.card.schema
     height, width = estimator.card.schema.image_size
+    refinement = None
+    if loads is not None:
+        from exosight.app.refining import Refinement
+
+        refinement = Refinement(system, loads, masks, images, schema, sums(schema))
     found, failures, readings = [], [], []
     for path in images:
         try:
@@ -78,6 +98,16 @@ def estimate(
         ood_score = shown_score(read.ood_score[0])
         named = {f"{name}_{schema.sensor(name).unit}": total for name, total in totals.items()}
         found.append({"image": str(path), **named, "ood_score": ood_score, f"{kind(schema)}s": rows})
+        beside = None
+        if refinement is not None:
+            try:
+                beside = refinement.read(path, read, level)
+            except ExosightError as error:
+                failures.append({"image": str(path), "reason": str(error)})
+                if len(images) > 1:
+                    say(f"not refined: {error}")
+            else:
+                found[-1]["refined"] = beside.as_json(schema)
         if json is None:
             caption = f"{path}, {100 * level:g} % intervals"
             show(_table(schema, caption, rows, totals))
@@ -86,6 +116,14 @@ def estimate(
                     f"do not trust these: the picture is out of distribution (OOD score {ood_score:.3f}, "
                     "trusted up to 1)"
                 )
+            if beside is not None:
+                values = dict(zip(schema.outputs, read.forces[0].tolist(), strict=True)) | totals
+                show(beside.table(schema, values, f"{path}, network and model"))
+                if beside.agreement.score > 1:
+                    say(
+                        "do not trust these: network and model disagree (disagreement score "
+                        f"{beside.agreement.score:.2f}, agree up to 1)"
+                    )
     if plot is not None and readings:
         from exosight.app.plots import plot_estimates, write_plot
 
@@ -95,7 +133,9 @@ def estimate(
     if len(images) == 1 and failures:
         raise DataError(failures[0]["reason"])
     if failures:
-        raise DataError(f"{len(failures)} of {len(images)} pictures could not be read; each is named above")
+        raise DataError(
+            f"{len(failures)} of {len(images)} pictures could not be read or refined; each is named above"
+        )
 
 
 def _rows(schema: "Schema", read: "Reading") -> list[dict[str, str | float | None]]:

@@ -87,7 +87,7 @@ def identify(
     count = len(measured.outlines)
     with progress("fitting", "pictures") as update:
         found = run(values, measured, known_gains=False, done=lambda k: update(k, count))
-    found = replace(found, values=_named(found, out.stem))
+    found = replace(found, values=found.named(_name(out.stem)))
     write_new_file(out, found.toml.encode())
     show_or_write([_table(found)], _numbers(found), json)
     for sentence in _remarks(found, nominal.schema.channels[0].unit):
@@ -135,8 +135,8 @@ def _with_gain(values: "Values", gain: str) -> "Values":
     return {**values, "actuators": {name: changed}}
 
 
-def _named(found: "Identification", name: str) -> "Values":
-    """The fitted file under its own name, with the intervals of its bodies as what varies."""
+def _name(name: str) -> str:
+    """A name that systems may have."""
     from pydantic import TypeAdapter, ValidationError
 
     from exosight.validation import Name
@@ -144,13 +144,8 @@ def _named(found: "Identification", name: str) -> "Values":
     try:
         TypeAdapter(Name).validate_python(name)
     except ValidationError:
-        name = "my_rig"
-    vary = [
-        {"entry": each.entry, "low": f"{each.low!r} {each.unit}", "high": f"{each.high!r} {each.unit}"}
-        for each in found.estimates
-        if each.entry.startswith(("rods.", "links."))
-    ]
-    return {**found.values, "name": name, "vary": vary}
+        return "my_rig"
+    return name
 
 
 def _table(found: "Identification") -> Table:

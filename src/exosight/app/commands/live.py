@@ -40,8 +40,11 @@ class DeviceOptions:
     """part of each picture that the network gets [pixels]; default: the largest in the middle of a camera's
     or video's, all of a picture file"""
     send: Annotated[str | None, tyro.conf.arg(metavar="PLACE|-", help_behavior_hint="")] = None
-    """write the command there, one line a step: a serial device (/dev/ttyUSB0, or @ and its speed behind),
-    udp://HOST:PORT, a named pipe, a new file, or "-" for stdout"""
+    """write the command there, one line a step, "17 u 2.3750 N": a serial device (/dev/ttyUSB0, or @ and its
+    speed behind), udp://HOST:PORT, a named pipe, a new file, or "-" for stdout"""
+    actuator: Annotated[Path | None, tyro.conf.arg(metavar="CSV", help_behavior_hint="")] = None
+    """calibration of the actuator: a table with a column of its commands, such as "pressure [kPa]", and one
+    of the loads that they make, "u [N]"; lines are then in its unit, and loads within its range"""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -88,6 +91,7 @@ def live(
     Examples:
       exosight live
       exosight live --source 0 --target 0.3 --record run.h5
+      exosight live --source 0 --send /dev/ttyUSB0 --actuator valve.csv
       exosight live --source 0 --send /dev/ttyUSB0@9600
       exosight live --system thumb.toml --model results/thumb/model.onnx
       exosight live --source 0 --model results/rig/model.onnx --record run.h5
@@ -116,12 +120,15 @@ def live(
     if device.source is None and (device.send is not None or device.crop is not None):
         given = "--send" if device.crop is None else "--crop"
         raise InputError(f"live: expected --source with {given}; a simulated system is used as it is")
+    if device.actuator is not None and device.send is None:
+        raise InputError("live: expected --send with --actuator, which says in what unit commands are sent")
     # Here, so that --help and wrong options answer at once: JAX takes a second to import.
     from exosight.app.live import LiveRun, Log, on_simulation, on_source, opened, timing_table
     from exosight.app.nominal import nominal_system
     from exosight.app.observing import refuse_control
     from exosight.app.plots import plot_run, write_plot
     from exosight.control import CONTROL_SHAPE
+    from exosight.control.actuator_curve import read_actuator_curve, within_curve
     from exosight.control.estimator import OnnxEstimator, model_path
     from exosight.control.tuning import tune
     from exosight.exosuit.catalogue import find_system
@@ -134,7 +141,8 @@ def live(
         changed = {
             "system": loop.system != own.system, "sensor": loop.sensor, "channel": loop.channel,
             "target": run.target, "contact-limit": run.contact_limit, "max-rate": run.max_rate,
-            "send": device.send, **{name.replace("_", "-"): True for name in exosuit.given()},
+            "send": device.send, "actuator": device.actuator,
+            **{name.replace("_", "-"): True for name in exosuit.given()},
         }  # fmt: skip
         refuse_control(network.card.schema.system, changed)
         _observe(device, run, network, place, plot, json)
@@ -143,6 +151,11 @@ def live(
     if isinstance(designs, FileDesigns):
         exosuit.refuse(f"change {loop.system} instead")
     system = nominal_system(designs, exosuit.exosuit(CONTROL_SHAPE, loop.system), network)
+    curve = None
+    if device.actuator is not None:
+        channel = system.schema.channel(loop.channel)
+        curve = read_actuator_curve(device.actuator, channel)
+        system = within_curve(system, channel.name, curve)
     with opened(device.source, network, device.crop) as frames:
         say("tuning the controller on a simulation of the system")
         limits = {"contact_limit": run.contact_limit, "rate": run.max_rate}
@@ -157,7 +170,7 @@ def live(
             if frames is None:
                 on_simulation(started, log)
             else:
-                on_source(started, frames, device.send, log)
+                on_source(started, frames, device.send, log, curve)
         finally:
             if log.steps:
                 say(log.end() + (f"; wrote {run.record}" if run.record and run.record.exists() else ""))

@@ -1,10 +1,10 @@
 """Pictures in a folder and a table of loads → `Measurements`."""
 
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from pathlib import Path, PurePath
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int64, UInt8
 
 from exosight.errors import DataError, InputError
 from exosight.rig.folder import PictureFolder, open_folder
@@ -48,28 +48,69 @@ def read_measurements(
 
     Raises DataError and InputError, with one sentence, for what is missing or does not fit.
     """
+    rows = _rows(table, pictures)
+    places = np.argsort(rows)
+    commands = _commands(table, system.schema)[rows[places]]
+    readings = {name: column[rows[places]] for name, column in _readings(table, system.schema).items()}
+    outlines = []
+    for place in places:
+        name = str(pictures.root / pictures.names[place])
+        outlines.append(outline_of_system(pictures.picture(int(place)), system, masks, name))
+        done(len(outlines), len(places))
+    return Measurements(commands, tuple(outlines), readings)
+
+
+def read_commands(
+    table: ReadingTable, names: Sequence[str], schema: Schema
+) -> Float[np.ndarray, "pictures channels"]:
+    """The loads of pictures [the channels' units]; rows of other pictures may be in the table.
+
+    names   of the picture files
+
+    Raises InputError, with one sentence, for what is missing or does not fit.
+    """
+    named = table.find(PICTURE_COLUMNS)
+    if named is not None and not named.is_numeric:
+        stems = {PurePath(name).stem for name in names}
+        table = table.rows([PurePath(cell).stem in stems for cell in named.cells])
+        if not len(table):
+            raise InputError(
+                f"{table.source}: expected a row for every picture, got none for {names[0]}; column "
+                f"{named.heading} names other pictures"
+            )
+    pictures = PictureFolder(Path(), tuple(PurePath(name).as_posix() for name in names))
+    return _commands(table, schema)[_rows(table, pictures)]
+
+
+def _rows(table: ReadingTable, pictures: PictureFolder) -> Int64[np.ndarray, " pictures"]:
+    """The row of every picture."""
     rows = match_rows(pictures, table, "auto", APART).rows
     if (rows == NO_ROW).any():
         lost = pictures.names[int(np.argmax(rows == NO_ROW))]
         raise InputError(
             f"{table.source}: expected a row for every picture, got none for {lost}; add its load, or take "
-            "the picture out of the folder"
+            "the picture out"
         )
-    places = np.argsort(rows)
-    commands = _commands(table, system.schema)[rows[places]]
-    readings = {name: column[rows[places]] for name, column in _readings(table, system.schema).items()}
-    camera, outlines = system.camera, []
-    for place in places:
-        name = str(pictures.root / pictures.names[place])
-        gray = pictures.picture(int(place))
-        if gray.shape != (camera.height, camera.width):
-            raise DataError(
-                f"{name}: expected {camera.width}×{camera.height} pixels, as the first picture or the system "
-                f"file's camera has, got {gray.shape[1]}×{gray.shape[0]}; take pictures of one size"
-            )
-        outlines.append(_outline(gray, system, masks, name))
-        done(len(outlines), len(places))
-    return Measurements(commands, tuple(outlines), readings)
+    return rows
+
+
+def outline_of_system(
+    gray: UInt8[np.ndarray, "height width"], system: System, masks: bool, name: str
+) -> Outline:
+    """The outline in a picture of a system, or in a mask, see `outline_of_picture` and `outline_of_mask`.
+
+    Raises DataError, beginning with `name`, for another size than that of the system's camera, or a picture
+    without the system.
+    """
+    camera = system.camera
+    if gray.shape != (camera.height, camera.width):
+        raise DataError(
+            f"{name}: expected {camera.width}×{camera.height} pixels, as the first picture or the system "
+            f"file's camera has, got {gray.shape[1]}×{gray.shape[0]}; take pictures of one size"
+        )
+    if masks:
+        return outline_of_mask(gray, len(system.tubes), name)
+    return outline_of_picture(gray, [tube.shade for tube in system.tubes], name)
 
 
 def _commands(table: ReadingTable, schema: Schema) -> Float[np.ndarray, "pictures channels"]:
@@ -136,9 +177,3 @@ def _in_unit(table: ReadingTable, column: TableColumn, unit: str) -> Float[np.nd
         return size / own * column.numbers
     except InputError as error:
         raise InputError(f"{table.source}: {error}") from None
-
-
-def _outline(gray: UInt8[np.ndarray, "height width"], system: System, masks: bool, name: str) -> Outline:
-    if masks:
-        return outline_of_mask(gray, len(system.tubes), name)
-    return outline_of_picture(gray, [tube.shade for tube in system.tubes], name)

@@ -182,7 +182,7 @@ def fit(problem: Problem, done: Callable[[int], None] = lambda pictures: None) -
     Raises ConvergenceError if no pose of the first picture is found.
     """
     x, pose = _placed(problem)
-    state = _state(problem, x, pose, LARGEST_NOISE)
+    state = started(problem, x, pose, LARGEST_NOISE)
     count, rested = len(problem.pictures), False
     for k in range(1, count + 1):
         if k > 1:
@@ -192,9 +192,9 @@ def fit(problem: Problem, done: Callable[[int], None] = lambda pictures: None) -
             )
             if not stable[0]:
                 raise ConvergenceError(f"no stable pose at the command of picture {k}; check the loads")
-            state = _state(problem, state.x, np.concatenate([state.q, pose]), state.noise)
+            state = started(problem, state.x, np.concatenate([state.q, pose]), state.noise)
         if k in (count, 1, 2, 3) or k % EVERY == 0:
-            state, rested = _search(problem, state, STEPS if k == count else EARLY_STEPS)
+            state, rested = search(problem, state, STEPS if k == count else EARLY_STEPS)
         done(k)
     return state, rested
 
@@ -204,7 +204,7 @@ def refitted(problem: Problem, start: Fit) -> tuple[Fit, bool]:
     q, stable = followed(problem.numbers(start.x).system, problem.commands)
     if not stable.all():
         return start, False
-    return _search(problem, _state(problem, start.x, q, start.noise), STEPS)
+    return search(problem, started(problem, start.x, q, start.noise), STEPS)
 
 
 def _placed(
@@ -242,9 +242,10 @@ def _placed(
     return x, pose
 
 
-def _state(
+def started(
     problem: Problem, x: Float[np.ndarray, " unknowns"], q: Float[np.ndarray, "pictures dofs"], noise: float
 ) -> Fit:
+    """Where a search begins: the unknowns x, the equilibria there, and σ [pixels]."""
     rows, moves = problem.linearised(x, problem.numbers(x), q)
     return Fit(x, q, noise, rows, moves)
 
@@ -269,7 +270,7 @@ def information(rows: Rows, noise: float) -> tuple[np.ndarray, np.ndarray]:
     return matrix, rows.slope.T @ (weight * rows.outline) + rows.gain.T @ rows.reading
 
 
-def _search(problem: Problem, state: Fit, steps: int) -> tuple[Fit, bool]:
+def search(problem: Problem, state: Fit, steps: int) -> tuple[Fit, bool]:
     """Levenberg–Marquardt from a state, until a step gains next to nothing.
 
     Poses have kinks where contacts begin, so steps may gain little before the gradient vanishes.

@@ -21,7 +21,7 @@ class Measurements:
     readings    of sensors, by their names: (pictures,), NaN where there is none [each in its unit]
     errors      standard deviation of a reading of each of these sensors [in its unit]; FORCE_ERROR by default
 
-    Raises InputError for fewer than two pictures, or lengths that differ.
+    Raises InputError for lengths that differ, or commands that are not finite.
     """
 
     commands: Float[np.ndarray, "pictures channels"]
@@ -31,16 +31,19 @@ class Measurements:
 
     def __post_init__(self) -> None:
         count = len(self.outlines)
-        if count < 2:
-            raise InputError(
-                f"pictures: expected at least two, at different commands, got {count}; one picture does not "
-                "tell stiffness from load"
-            )
         lengths = [len(self.commands), *map(len, self.readings.values())]
         if set(lengths) != {count}:
             raise InputError(f"loads: expected one row a picture, {count}, got {lengths}")
         if not np.all(np.isfinite(self.commands)):
             raise InputError("loads: expected finite commands, got one that is not")
+
+    def check_identifiable(self) -> None:
+        """Raise InputError for fewer than two pictures, or one command in all."""
+        if len(self.outlines) < 2:
+            raise InputError(
+                f"pictures: expected at least two, at different commands, got {len(self.outlines)}; one "
+                "picture does not tell stiffness from load"
+            )
         if len(np.unique(self.commands, axis=0)) < 2:
             raise InputError("loads: expected pictures at two commands or more, got one command in all")
 

@@ -52,6 +52,15 @@ class Identification:
     rested: bool
     elsewhere: tuple[int, ...]
 
+    def named(self, name: str) -> Values:
+        """The file under another name, with the 95 % intervals of its bodies as what varies."""
+        vary = [
+            {"entry": each.entry, "low": f"{each.low!r} {each.unit}", "high": f"{each.high!r} {each.unit}"}
+            for each in self.estimates
+            if each.entry.startswith(("rods.", "links."))
+        ]
+        return {**self.values, "name": name, "vary": vary}
+
     @property
     def toml(self) -> str:
         """The fitted system file."""
@@ -71,9 +80,10 @@ def identify(
     known_gains   whether the file's gains are certain
     done          called with the number of pictures taken in so far
 
-    Raises InputError for a system with friction or readings of sensors that it has not; ConvergenceError
-    where no pose is found.
+    Raises InputError for fewer than two pictures or commands, a system with friction or readings of sensors
+    that it has not; ConvergenceError where no pose is found.
     """
+    measured.check_identifiable()
     prior = Prior() if prior is None else prior
     values = complete(values)
     problem = Problem(Model(values, parameters_of(values, prior, known_gains)), measured, prior)
