@@ -51,7 +51,8 @@ class ContinuationState(NamedTuple):
     phase, tries   see TO_LOAD …, and evaluations spent on the present trial
     origin         loads at the start of the present segment [N]
     q, t           trial point: pose, and where on the segment
-    s, growth      length along the branch that is aimed at (ALONG), and how much longer the next may be
+    s, growth      length along the branch that is aimed at (ALONG), and how much longer the next may be;
+                   0 where it led past the load
     previous       of the Newton step before: the tangent there, and the length of its correction
     memories       what the terms remember: from the anchor, or from the last point of a descent
     snap           the present descent is from the end of a branch, from energy `start` [J]

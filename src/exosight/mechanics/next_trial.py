@@ -102,6 +102,7 @@ def next_trial(
     # … or how what was begun goes on.
     walk = _walk(state.descent, point, plan, ways, jnp.where(verdict.lost, jnp.inf, push))
     whole = jnp.minimum(1.0, ways.free)
+    grown = jnp.where((state.growth > 0) & (state.growth < 1), BEYOND, 2.0)
     newton = point.q + whole * ways.correction
     bordered_t = jnp.where(state.phase == ALONG, state.t + whole * point.bordered.t, state.t)
 
@@ -132,7 +133,7 @@ def next_trial(
         growth=jnp.where(
             plan.failed,
             jnp.where(plan.at_corner, 2 * MARGIN, 1.0),
-            jnp.where(verdict.arrived, jnp.where(state.growth < 1, BEYOND, 2.0), state.growth),
+            jnp.where(verdict.arrived, grown, jnp.where(verdict.passed, 0.0, state.growth)),
         ),
         previous=jax.tree.map(
             lambda gone, now: jnp.where(begun | (whole < 1), gone, now),
@@ -183,8 +184,9 @@ def _plan(
 
     # How far to go: less than what failed, to before a corner if one was seen, else further than before.
     corner = verdict.corner * jnp.where(to_load, speed, 1.0)
-    at_corner = failed & jnp.isfinite(corner)
-    shorter = jnp.where(to_load, 0.5 * speed * (state.t - anchor.t), 0.25 * state.s)
+    led_past = to_load & (state.growth == 0)  # so did the last length along the branch
+    at_corner = failed & jnp.isfinite(corner) & ~led_past
+    shorter = jnp.where(to_load & ~led_past, 0.5 * speed * (state.t - anchor.t), 0.25 * state.s)
     shorter = jnp.where(at_corner, (1 - MARGIN) * corner, shorter)
     s = jnp.where(failed, shorter, jnp.where(narrowed, look.s, state.growth * state.s))
     s = jnp.minimum(s, longest)
