@@ -219,7 +219,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
         jnp.where(settled, ~like, ~point.stable | hopeless),
         along & jnp.where(on_branch, ~(alike & (rising | turned)), hopeless),
     )
-    ahead = _opening(state, segment, point, dt)
+    ahead = _opening(state, metric, segment, point, dt)
     ahead = jnp.where(along, ahead * metric.size(anchor.tangent), ahead)
     corner = jnp.where(failed & ~circling & ~point.stable, ahead, corner)
     at_load = arrived & (state.t >= 1)
@@ -235,7 +235,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
 
 
 def _opening(
-    state: ContinuationState, segment: Segment, point: Point, dt: Float[AnyArray, ""]
+    state: ContinuationState, metric: Metric, segment: Segment, point: Point, dt: Float[AnyArray, ""]
 ) -> Float[AnyArray, ""]:
     """How far in t the expected way leads to where a contact opens, beyond which nothing holds the pose.
 
@@ -244,7 +244,7 @@ def _opening(
     """
     if state.memories:
         return jnp.array(jnp.inf)
-    v = state.anchor.tangent + dt * state.anchor.bend
+    _, v = state.anchor.ahead(metric, dt)
     change = v @ (point.here.jacobian @ v + segment.span @ point.here.load_gradient)
     back = (v @ point.here.gradient) / jnp.where(jnp.abs(change) > 0, change, 1.0)
     first = (state.tries == 0) & ~state.beyond.known

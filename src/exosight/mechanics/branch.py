@@ -45,9 +45,16 @@ class Anchor(NamedTuple):
     reach: Float[AnyArray, ""]
     memories: Memories
 
-    def ahead(self, dt: AnyArray) -> Array:
-        """The pose to be expected at t + dt."""
-        return self.q + dt * (self.tangent + dt * (self.bend / 2 + dt * self.twist / 6))
+    def ahead(self, metric: Metric, dt: AnyArray) -> tuple[Array, Array]:
+        """The pose to be expected at t + dt, and dq/dt there.
+
+        They lie on the tangent where the cubic is further from it than half of the way.
+        """
+        bent = dt**2 * (self.bend / 2 + dt * self.twist / 6)
+        believed = metric.size(bent) <= 0.5 * jnp.abs(dt) * metric.size(self.tangent)
+        turned = dt * (self.bend + dt * self.twist / 2)
+        ahead = self.q + dt * self.tangent + jnp.where(believed, bent, 0.0)
+        return ahead, self.tangent + jnp.where(believed, turned, 0.0)
 
 
 class Beyond(NamedTuple):

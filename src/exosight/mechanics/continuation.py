@@ -213,6 +213,7 @@ def _settle(
     """The state with what has been found, and what to record of it; `tangent`: dq/dt from here on."""
     arrived, at_load, lost = verdict.arrived, verdict.at_load, verdict.lost
     metric, before = problem.metric, state.anchor
+    point = point._replace(q=verdict.q)
     descending = state.phase == DESCEND
     start = jnp.where(descending & (state.tries == 0), point.here.energy, state.start)
     far = metric.size(point.q - state.anchor.q) > SNAPPED * metric.range(point.q)
@@ -232,7 +233,7 @@ def _settle(
     if state.memories:  # the steps are part of the result, and guesses would change these
         bend = twist = jnp.zeros_like(before.bend)
     else:
-        bend, twist = branch.curvature(metric, before, verdict.q, verdict.t, point.response @ segment.span)
+        bend, twist = branch.curvature(metric, before, point.q, verdict.t, point.response @ segment.span)
     scale = jnp.where(descending, 0.0, jnp.where(at_load, segment.ratio, 1.0))
     small = arrived & descending & state.snap & ~far
     now = now._replace(
@@ -242,7 +243,7 @@ def _settle(
         tries=state.tries + 1,
         origin=jnp.where(done, reached, state.origin),
         anchor=Anchor(
-            q=jnp.where(arrived, verdict.q, before.q),
+            q=jnp.where(arrived, point.q, before.q),
             t=jnp.where(at_load | lost, 0.0, jnp.where(arrived, verdict.t, before.t)),
             tangent=jnp.where(arrived, tangent, before.tangent),
             bend=jnp.where(arrived, scale**2 * bend, before.bend),

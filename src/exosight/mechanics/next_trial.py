@@ -121,8 +121,8 @@ def next_trial(
         ),
         descent=walk,
         q=choose(
-            jnp.where(verdict.passed, back, anchor.ahead(onwards)),
-            jnp.where(plan.from_end, look.q, anchor.ahead(length)),
+            jnp.where(verdict.passed, back, anchor.ahead(metric, onwards)[0]),
+            jnp.where(plan.from_end, look.q, anchor.ahead(metric, length)[0]),
             anchor.q + anchor.tangent * jnp.minimum(push / speed, anchor.reach),
             jnp.where(
                 state.phase == DESCEND, walk.q + jnp.where(walk.fresh, 0.0, walk.fraction) * walk.step, newton
