@@ -16,8 +16,17 @@ from exosight.mechanics.metric import Metric
 LONGEST = 0.06
 """Longest step along a branch, relative to `Metric.range`."""
 
-ROUGH = 3e-6
-"""Residual of points on the way, where nobody has asked for the equilibrium."""
+ROUGH = 3e-4
+"""Residual of points on the way, where nobody has asked for the equilibrium …"""
+
+ROUGH_LANDING = 1e-5
+"""… where a descent ends there …"""
+
+ROUGH_WITH_MEMORY = 3e-6
+"""… and of robots with friction, which remember these points themselves."""
+
+LAST = 1e-3
+"""Longest Newton step that is taken from a point on the way without another look, relative to the pose."""
 
 CONTRACTION = 0.6
 """Newton steps along a branch get shorter by this at least."""
@@ -44,12 +53,14 @@ class Segment(NamedTuple):
 
     origin, target, span   where it begins and ends, and target − origin [N]
     following              the span of the next one [N]
+    ratio                  following / span, 0 unless both have the same direction
     """
 
     origin: Float[AnyArray, " channels"]
     target: Float[AnyArray, " channels"]
     span: Float[AnyArray, " channels"]
     following: Float[AnyArray, " channels"]
+    ratio: Float[AnyArray, ""]
     total: Int[AnyArray, ""]
 
     @staticmethod
@@ -57,7 +68,11 @@ class Segment(NamedTuple):
         """That on which a robot is."""
         target = loads[jnp.minimum(state.load, count - 1)]
         after = loads[jnp.minimum(state.load + 1, count - 1)]
-        return Segment(state.origin, target, target - state.origin, after - target, count)
+        span, following = target - state.origin, after - target
+        ratio = (span @ following) / jnp.maximum(span @ span, 1e-300)
+        straight = jnp.max(jnp.abs(following - ratio * span)) <= 1e-9 * jnp.max(jnp.abs(following))
+        ratio = jnp.where(straight, jnp.maximum(ratio, 0.0), 0.0)
+        return Segment(state.origin, target, span, following, ratio, count)
 
     def load(self, t: AnyArray) -> Float[AnyArray, " channels"]:
         """The load at t, to the last digit at its end."""
@@ -149,6 +164,7 @@ class Verdict(NamedTuple):
     corner    how far from the anchor (in t, or in s if ALONG) the two pieces of the branch meet between
               which Newton's method goes back and forth; otherwise infinite
     tangent   dq/dt, or dq/ds if ALONG
+    q, t      where the equilibrium is: the point, or on the way what Newton's last step leads to
     """
 
     arrived: Bool[AnyArray, ""]
@@ -159,6 +175,8 @@ class Verdict(NamedTuple):
     unstable: Bool[AnyArray, ""]
     corner: Float[AnyArray, ""]
     tangent: Float[AnyArray, " dofs"]
+    q: Float[AnyArray, " dofs"]
+    t: Float[AnyArray, ""]
 
 
 def judge(state: ContinuationState, problem: Problem, segment: Segment, point: Point) -> Verdict:
@@ -170,14 +188,18 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
     change = point.q - anchor.q
     by_load = point.response @ segment.span
     like = ~branch.unlike(metric, change, anchor.tangent * dt, by_load * dt, point.q)
-    rough = to_load & (state.t < 1) & (point.residual < ROUGH)
-    settled = (point.converged | rough) & point.stable
-    # … and along the branch.
     solved = point.bordered
+    correction = jnp.where(along, solved.q, point.newton)
+    if state.memories:
+        near = (point.residual < ROUGH_WITH_MEMORY) & (to_load | along)
+    else:
+        near = point.residual < jnp.where(to_load | along, ROUGH, ROUGH_LANDING)
+        near = near & (metric.size(correction) <= LAST * (metric.size(point.q) + metric.unit))
+    settled = (point.converged | (near & (state.t < 1))) & point.stable
+    # … and along the branch.
     unit = anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300)
     alike = ~branch.unlike(metric, change, unit * state.s, solved.dq * state.s, point.q)
     tangent = jnp.where(along, solved.dq, by_load)
-    correction = jnp.where(along, solved.q, point.newton)
     circling, corner = _two_cycle(state, metric, correction, tangent, jnp.where(along, state.s, dt))
 
     hopeless = (
@@ -187,7 +209,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
         | ~jnp.isfinite(point.residual)
         | (along & ~point.solved)
     )
-    on_branch = (point.residual < ROUGH) & point.solved
+    on_branch = near & point.solved
     rising, turned = point.stable & (solved.dt > 0), solved.dt < 0
     good = along & on_branch & alike
     onwards = jnp.where(along, good & rising & (state.t < 1), settled)
@@ -197,7 +219,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
         jnp.where(settled, ~like, ~point.stable | hopeless),
         along & jnp.where(on_branch, ~(alike & (rising | turned)), hopeless),
     )
-    ahead = _opening(state, segment, point, dt)
+    ahead = _opening(state, metric, segment, point, dt)
     ahead = jnp.where(along, ahead * metric.size(anchor.tangent), ahead)
     corner = jnp.where(failed & ~circling & ~point.stable, ahead, corner)
     at_load = arrived & (state.t >= 1)
@@ -205,20 +227,24 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
     if not problem.conservative:
         lost = lost | (to_load & failed & (dt < 1e-5))
     passed = good & rising & (state.t >= 1)
-    return Verdict(arrived, at_load, lost, failed, passed, good & turned, corner, tangent)
+    last = jnp.where(at_load, 0.0, 0.0 if state.memories else 1.0)
+    t = state.t + last * jnp.where(along, solved.t, 0.0)
+    return Verdict(
+        arrived, at_load, lost, failed, passed, good & turned, corner, tangent, point.q + last * correction, t
+    )
 
 
 def _opening(
-    state: ContinuationState, segment: Segment, point: Point, dt: Float[AnyArray, ""]
+    state: ContinuationState, metric: Metric, segment: Segment, point: Point, dt: Float[AnyArray, ""]
 ) -> Float[AnyArray, ""]:
-    """How far in t the anchor's tangent leads to where a contact opens, beyond which nothing holds the pose.
+    """How far in t the expected way leads to where a contact opens, beyond which nothing holds the pose.
 
-    On the way there ∇Π stays zero along the tangent v, to first order; beyond, it changes by ∇²Π v + ∂∇Π/∂t,
-    both as at the first trial point. With friction, where points slip is no opening, and nothing is said.
+    On the way there ∇Π stays zero along the tangent v; beyond, it changes by ∇²Π v + ∂∇Π/∂t, both as at the
+    first trial point. With friction, where points slip is no opening, and nothing is said.
     """
     if state.memories:
         return jnp.array(jnp.inf)
-    v = state.anchor.tangent
+    _, v = state.anchor.ahead(metric, dt)
     change = v @ (point.here.jacobian @ v + segment.span @ point.here.load_gradient)
     back = (v @ point.here.gradient) / jnp.where(jnp.abs(change) > 0, change, 1.0)
     first = (state.tries == 0) & ~state.beyond.known

@@ -10,7 +10,7 @@ Source: Keller, Numerical solution of bifurcation and nonlinear eigenvalue probl
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.metric import Metric
@@ -20,6 +20,9 @@ UNLIKE = 0.05, 5e-5
 """How far a smooth change may lie from what the tangents at both ends lead to: relative to the larger of
 these two, and to the pose itself."""
 
+SMOOTH = 0.3
+"""How far a curve may lie from the mean of the tangents at its ends, relative to half of their difference."""
+
 NEGLIGIBLE = 1e-7
 """A force that counts as none, as a share of the pose: to this the load of a fold is located."""
 
@@ -27,21 +30,35 @@ NEGLIGIBLE = 1e-7
 class Anchor(NamedTuple):
     """The last stable equilibrium.
 
-    q, t      (dofs,), ()   it, and where on the segment of loads
-    tangent   (dofs,)       dq/dt
-    reach     ()            how far in t the first open pair is from closing, along the tangent
-    memories                what the terms of the robot remember there
-    energy    ()            Π at zero load [J]
-    by_load   (channels,)   Λ = ∂Π/∂u [m, for a force]
+    q, t          (dofs,), ()   it, and where on the segment of loads
+    tangent       (dofs,)       dq/dt
+    bend, twist   (dofs,)       d²q/dt² and d³q/dt³, as far as they are known
+    reach         ()            how far in t the first open pair is from closing, along the tangent
+    memories                    what the terms of the robot remember there
+    energy        ()            Π at zero load [J]
+    by_load       (channels,)   Λ = ∂Π/∂u [m, for a force]
     """
 
     q: Float[AnyArray, " dofs"]
     t: Float[AnyArray, ""]
     tangent: Float[AnyArray, " dofs"]
+    bend: Float[AnyArray, " dofs"]
+    twist: Float[AnyArray, " dofs"]
     reach: Float[AnyArray, ""]
     memories: Memories
     energy: Float[AnyArray, ""]
     by_load: Float[AnyArray, " channels"]
+
+    def ahead(self, metric: Metric, dt: AnyArray) -> tuple[Array, Array]:
+        """The pose to be expected at t + dt, and dq/dt there.
+
+        They lie on the tangent where the cubic is further from it than half of the way.
+        """
+        bent = dt**2 * (self.bend / 2 + dt * self.twist / 6)
+        believed = metric.size(bent) <= 0.5 * jnp.abs(dt) * metric.size(self.tangent)
+        turned = dt * (self.bend + dt * self.twist / 2)
+        ahead = self.q + dt * self.tangent + jnp.where(believed, bent, 0.0)
+        return ahead, self.tangent + jnp.where(believed, turned, 0.0)
 
 
 class Beyond(NamedTuple):
@@ -74,6 +91,26 @@ def unlike(
     relative, absolute = UNLIKE
     off = metric.size(moved - leaving - along * span)
     return ~(off <= relative * largest + absolute * metric.size(pose))
+
+
+def curvature(
+    metric: Metric,
+    anchor: Anchor,
+    q: Float[AnyArray, " dofs"],
+    t: Float[AnyArray, ""],
+    tangent: Float[AnyArray, " dofs"],
+) -> tuple[Float[Array, " dofs"], Float[Array, " dofs"]]:
+    """d²q/dt² and d³q/dt³ at the end of the cubic from the anchor to the point (t, q) with that tangent.
+
+    Zero where no smooth curve joins the two. On one, the change of pose is h times the mean of both
+    tangents but for what is small beside h/2 times their difference.
+    """
+    h = t - anchor.t
+    change = tangent - anchor.tangent
+    off = q - anchor.q - 0.5 * h * (anchor.tangent + tangent)
+    smooth = (h > 0) & (metric.size(off) < 0.5 * SMOOTH * h * metric.size(change))
+    h = jnp.where(h > 0, h, 1.0)
+    return jnp.where(smooth, change / h - 6 * off / h**2, 0.0), jnp.where(smooth, -12 * off / h**3, 0.0)
 
 
 class Bordered(NamedTuple):

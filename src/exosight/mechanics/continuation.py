@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
-from exosight.mechanics import descent
+from exosight.mechanics import branch, descent
 from exosight.mechanics.acceptance import Point, Problem, Segment, Verdict, judge, linearise
 from exosight.mechanics.branch import Anchor
 from exosight.mechanics.continuation_records import Entry, entry_of, recorded
@@ -223,7 +223,8 @@ def _settle(
     taken     what terms with a memory have dissipated since the anchor [J]
     """
     arrived, at_load, lost = verdict.arrived, verdict.at_load, verdict.lost
-    metric = problem.metric
+    metric, before = problem.metric, state.anchor
+    point = point._replace(q=verdict.q)
     descending = state.phase == DESCEND
     far = metric.size(point.q - state.anchor.q) > SNAPPED * metric.range(point.q)
     # Robots that have all their loads behind them go on beside the others, but nothing of it counts.
@@ -238,8 +239,12 @@ def _settle(
     )
     reached = jnp.where(at_load, segment.target, segment.load(state.anchor.t))
     entry = entry_of(now, point, at_load, done, reached, jumped, segment.load(state.t), taken)
-    t = jnp.where(at_load, 0.0, state.t)
     unloaded = point.here.energy - segment.load(state.t) @ point.here.load_energy
+    if state.memories:  # the steps are part of the result, and guesses would change these
+        bend = twist = jnp.zeros_like(before.bend)
+    else:
+        bend, twist = branch.curvature(metric, before, point.q, verdict.t, point.response @ segment.span)
+    scale = jnp.where(descending, 0.0, jnp.where(at_load, segment.ratio, 1.0))
     small = arrived & descending & state.snap & ~far
     now = now._replace(
         load=jnp.minimum(state.load + done, segment.total),
@@ -248,15 +253,17 @@ def _settle(
         tries=state.tries + 1,
         origin=jnp.where(done, reached, state.origin),
         anchor=Anchor(
-            q=jnp.where(arrived, point.q, state.anchor.q),
-            t=jnp.where(at_load | lost, 0.0, jnp.where(arrived, t, state.anchor.t)),
-            tangent=jnp.where(arrived, tangent, state.anchor.tangent),
-            reach=state.anchor.reach,
+            q=jnp.where(arrived, point.q, before.q),
+            t=jnp.where(at_load | lost, 0.0, jnp.where(arrived, verdict.t, before.t)),
+            tangent=jnp.where(arrived, tangent, before.tangent),
+            bend=jnp.where(arrived, scale**2 * bend, before.bend),
+            twist=jnp.where(arrived, scale**3 * twist, before.twist),
+            reach=before.reach,
             memories=jax.tree.map(
-                lambda new, old: jnp.where(arrived, new, old), state.memories, state.anchor.memories
+                lambda new, old: jnp.where(arrived, new, old), state.memories, before.memories
             ),
-            energy=jnp.where(arrived, unloaded, state.anchor.energy),
-            by_load=jnp.where(arrived, point.here.load_energy, state.anchor.by_load),
+            energy=jnp.where(arrived, unloaded, before.energy),
+            by_load=jnp.where(arrived, point.here.load_energy, before.by_load),
         ),
         descent=moved,
         nudge=jnp.where(small, 8 * state.nudge, jnp.where(arrived, 1.0, state.nudge)),

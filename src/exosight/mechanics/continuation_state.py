@@ -53,7 +53,8 @@ class ContinuationState(NamedTuple):
     phase, tries   see TO_LOAD …, and evaluations spent on the present trial
     origin         loads at the start of the present segment [N]
     q, t           trial point: pose, and where on the segment
-    s, growth      length along the branch that is aimed at (ALONG), and how much longer the next may be
+    s, growth      length along the branch that is aimed at (ALONG), and how much longer the next may be;
+                   0 where it led past the load
     previous       of the Newton step before: the tangent there, and the length of its correction
     memories       what the terms remember: from the anchor, or from the last point of a descent
     snap           the present descent is from the end of a branch
@@ -104,7 +105,7 @@ def begin(
         phase=whole + DESCEND,
         tries=whole,
         origin=zeros(channels) + origin,
-        anchor=Anchor(q, one, zeros(n), one, memories, one, zeros(channels)),
+        anchor=Anchor(q, one, zeros(n), zeros(n), zeros(n), one, memories, one, zeros(channels)),
         beyond=Beyond(flag, zeros(n), one, zeros(n), one, whole),
         descent=Descent(q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, ~flag),
         q=q,

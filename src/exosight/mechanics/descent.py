@@ -123,7 +123,9 @@ def direction(
         length = metric.size(state[1])
         return ~(length <= 2 * radius) & (state[0] < 1e12) & wanted & ~whole
 
-    whole = stable & (metric.size(newton) <= radius)
+    # With friction Newton's step may lead uphill, where no part of it is a step of the flow.
+    downhill = (descent.here.gradient @ newton < 0) | near_rest(descent._replace(convex=stable))
+    whole = stable & downhill & (metric.size(newton) <= radius)
     first = jnp.maximum(descent.shift / 16, 1e-3)
     none = first / 4, jnp.full(len(newton), jnp.nan)
     shift, damped = jax.lax.while_loop(too_long, lambda state: attempt(4 * state[0]), none)

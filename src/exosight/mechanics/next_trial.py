@@ -23,6 +23,9 @@ ROUGHLY = 1e-4
 MARGIN = 0.02
 """How far before a corner to look for the last equilibrium first, relative to the way there."""
 
+CORNER = 30.0
+"""How far a corner may be, relative to what counts, that needs no equilibrium nearer to it: from there its
+place is known to a thirtieth."""
 
 BEYOND = 8.0
 """How much longer than the step over a corner, which is short, the one after it is."""
@@ -93,10 +96,13 @@ def next_trial(
     goal = jnp.where(plan.goal > 1 - 1e-9, 1.0, plan.goal)
     onwards = jnp.minimum(goal - anchor.t, anchor.reach)
     length = jnp.minimum(plan.s / speed, anchor.reach)
+    rising = jnp.where(verdict.passed, point.bordered.dt, 1.0)
+    back = verdict.q + (1 - verdict.t) / rising * verdict.tangent  # from beyond the load
     push = jnp.where(verdict.lost, 0.0, PUSH * metric.range(anchor.q))
     # … or how what was begun goes on.
     walk = _walk(state.descent, point, plan, ways, jnp.where(verdict.lost, jnp.inf, push))
     whole = jnp.minimum(1.0, ways.free)
+    grown = jnp.where((state.growth > 0) & (state.growth < 1), BEYOND, 2.0)
     newton = point.q + whole * ways.correction
     bordered_t = jnp.where(state.phase == ALONG, state.t + whole * point.bordered.t, state.t)
 
@@ -115,8 +121,8 @@ def next_trial(
         ),
         descent=walk,
         q=choose(
-            anchor.q + anchor.tangent * onwards,
-            jnp.where(plan.from_end, look.q, anchor.q + anchor.tangent * length),
+            jnp.where(verdict.passed, back, anchor.ahead(metric, onwards)[0]),
+            jnp.where(plan.from_end, look.q, anchor.ahead(metric, length)[0]),
             anchor.q + anchor.tangent * jnp.minimum(push / speed, anchor.reach),
             jnp.where(
                 state.phase == DESCEND, walk.q + jnp.where(walk.fresh, 0.0, walk.fraction) * walk.step, newton
@@ -127,7 +133,7 @@ def next_trial(
         growth=jnp.where(
             plan.failed,
             jnp.where(plan.at_corner, 2 * MARGIN, 1.0),
-            jnp.where(verdict.arrived, jnp.where(state.growth < 1, BEYOND, 2.0), state.growth),
+            jnp.where(verdict.arrived, grown, jnp.where(verdict.passed, 0.0, state.growth)),
         ),
         previous=jax.tree.map(
             lambda gone, now: jnp.where(begun | (whole < 1), gone, now),
@@ -178,13 +184,14 @@ def _plan(
 
     # How far to go: less than what failed, to before a corner if one was seen, else further than before.
     corner = verdict.corner * jnp.where(to_load, speed, 1.0)
-    at_corner = failed & jnp.isfinite(corner)
-    shorter = jnp.where(to_load, 0.5 * speed * (state.t - anchor.t), 0.25 * state.s)
+    led_past = to_load & (state.growth == 0)  # so did the last length along the branch
+    at_corner = failed & jnp.isfinite(corner) & ~led_past
+    shorter = jnp.where(to_load & ~led_past, 0.5 * speed * (state.t - anchor.t), 0.25 * state.s)
     shorter = jnp.where(at_corner, (1 - MARGIN) * corner, shorter)
     s = jnp.where(failed, shorter, jnp.where(narrowed, look.s, state.growth * state.s))
     s = jnp.minimum(s, longest)
 
-    cornered = at_corner & (corner <= narrow * speed)
+    cornered = at_corner & (corner <= (1.0 if state.memories else CORNER) * narrow * speed)
     nothing_near = failed & (s < _negligible(state) * (metric.size(anchor.q) + metric.unit))
     ended = (narrowed & look.found) | nothing_near | cornered | lost
     easy = arrived & along & ~known & (speed * (1 - anchor.t) < 2 * state.s)
