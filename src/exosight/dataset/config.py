@@ -46,3 +46,6 @@ class GenerateConfig:
     """how shades and light differ from frame to frame"""
     appearance: AppearanceVariation = AppearanceVariation()
     """how pictures differ from frame to frame"""
+    photo: bool = False
+    """pictures as photographs of such a device: perspective, hand, mounts, desks, light, lens, all at random;
+    instead of lighting and appearance"""

@@ -39,16 +39,14 @@ def desk(rng: Rng, shape: tuple[int, int]) -> Plane:
     height, width = shape
     if rng.random() < 0.5:
         return texture(rng, shape, BACKGROUNDS, 0.7) + texture(rng, shape, ("fractal",), 0.3)
-    # Random values that are smoothed along one direction more than across it: grain; equally: stone.
-    side = 2 * max(height, width)
-    along, across = np.exp(rng.uniform(np.log([2.0, 0.5]), np.log([40.0, 4.0])))
-    noise = cv2.GaussianBlur(
-        rng.standard_normal((side, side), np.float32), (0, 0), sigmaX=float(along), sigmaY=float(across)
-    )
+    # Random values that go on along one direction longer than across it: grain; as long: stone.
+    side = int(1.5 * max(height, width))
+    across, along = np.exp(rng.uniform(np.log([1.0, 1.5]), np.log([6.0, 60.0])))
+    values = rng.standard_normal((2 + int(side / across), 2 + int(side / along)), np.float32)
     turn = cv2.getRotationMatrix2D((side / 2, side / 2), rng.uniform(0, 360), 1.0)
     turn[:, 2] -= side / 2 - np.array([width, height]) / 2
-    grain = np.asarray(cv2.warpAffine(noise, turn, (width, height), flags=cv2.INTER_LINEAR))
-    return grain * np.float32(rng.uniform(0.05, 0.4) / max(float(grain.std()), 1e-6))
+    grain = cv2.warpAffine(cv2.resize(values, (side, side)), turn, (width, height), borderMode=cv2.BORDER_REFLECT)
+    return np.asarray(grain, np.float32) * np.float32(rng.uniform(0.04, 0.35))
 
 
 def polygon_mask(points: np.ndarray, shape: tuple[int, int]) -> UInt8[np.ndarray, "height width"]:
@@ -90,7 +88,9 @@ def moved(mask: np.ndarray, right: float, down: float, blur: float) -> np.ndarra
     shifted = cv2.warpAffine(
         mask, np.array([[1.0, 0.0, right], [0.0, 1.0, down]]), (width, height), borderMode=cv2.BORDER_REPLICATE
     )
-    return np.asarray(cv2.GaussianBlur(shifted, (0, 0), blur) if blur > 0.3 else shifted)
+    # A triangle of half width a has the standard deviation a/√6.
+    size = 2 * round(np.sqrt(6) * blur) + 1
+    return np.asarray(cv2.stackBlur(shifted, (size, size)) if size > 1 else shifted)
 
 
 def _put_thing(rng: Rng, surface: Plane) -> None:

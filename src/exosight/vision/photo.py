@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Float32, Int, UInt8
+from jaxtyping import Float, Float32, Int64, UInt8
 
 from exosight.system.camera import Camera
 from exosight.system.pinhole import Pinhole, project_spheres
@@ -47,10 +47,10 @@ LENS_AND_SENSOR = AppearanceVariation(
     gradient=0.4,
     vignette=0.4,
     blur=1.2,
-    motion=6.0,
+    motion=5.0,
     contrast=0.6,
-    noise=0.004,
-    shot=0.004,
+    noise=0.0015,
+    shot=0.003,
 )
 """What becomes of the finished scene; the noise that a network sees beyond it is that of its recipe."""
 
@@ -59,8 +59,8 @@ def photo(
     tubes: Sequence[Tube],
     camera: Camera,
     images: UInt8[np.ndarray, "frames height width"],
-    seed: int,
-    numbers: Int[np.ndarray, " frames"],
+    seed: tuple[int, ...],
+    numbers: Int64[np.ndarray, " frames"],
 ) -> UInt8[np.ndarray, "frames height width"]:
     """Photo-like pictures of a device; a frame depends on its pose, the seed and its number alone.
 
@@ -74,15 +74,15 @@ def photo(
     found = np.array(images)
     chosen = []
     for k, number in enumerate(numbers.tolist()):
-        rng = np.random.default_rng([seed, number])
+        rng = np.random.default_rng([*seed, number])
         if rng.random() >= CLEAN:
             pieces = [Piece(tube.centres[k], tube.radii[k]) for tube in tubes]
             found[k] = _scene(rng, pieces, _camera(rng, camera))
             chosen.append(k)
-    finished = draw_appearance(LENS_AND_SENSOR, (seed, 1), numbers[chosen])
+    finished = draw_appearance(LENS_AND_SENSOR, seed, numbers[chosen])
     found[chosen] = augment(found[chosen], finished)
     for k in chosen:
-        rng = np.random.default_rng([seed, int(numbers[k]), 1])
+        rng = np.random.default_rng([*seed, int(numbers[k]), 1])
         if rng.random() < 0.5:
             quality = int(rng.integers(25, 96))
             _, data = cv2.imencode(".jpg", found[k], [cv2.IMWRITE_JPEG_QUALITY, quality])
@@ -129,7 +129,8 @@ def _scene(rng: Rng, bodies: list[Piece], camera: Pinhole) -> UInt8[np.ndarray, 
     scene *= (ambient * (1 - near) + key * max(lamp[2], 0.2) * (1 - strength * shadow)).astype(np.float32)
 
     albedo = _reflectance(rng, drawn, [len(pieces) for pieces in held]).astype(np.float32) / 255
-    own = [drawn.layer([float(k == i) for k in range(drawn.count)]) for i in range(len(bodies))]
+    own = [drawn.layer([float(k == i) for k in range(drawn.count)]) for i in range(1, len(bodies))]
+    own.insert(0, cover - np.minimum(np.sum(own, axis=0, dtype=np.uint16), cover).astype(np.uint8))
     lit_share = np.ones(shape, np.float32)
     dark = np.ones(shape, np.float32)
     for mask in own:
@@ -147,11 +148,10 @@ def _scene(rng: Rng, bodies: list[Piece], camera: Pinhole) -> UInt8[np.ndarray, 
     ones = [1.0] * drawn.count
     coverage = np.maximum(cover.astype(np.float32), 1) / 255
     lambert = drawn.layer(ones, lamp).astype(np.float32) / 255 / coverage
-    sky = drawn.layer(ones, _direction(rng, 1.4)).astype(np.float32) / 255 / coverage
     half = lamp + [0.0, 0.0, 1.0]
     shine = drawn.layer(ones, half / np.linalg.norm(half)).astype(np.float32) / 255 / coverage
     power, gloss = np.exp(rng.uniform(np.log(4), np.log(60))), max(rng.uniform(-0.4, 0.5), 0.0)
-    light = ambient * (0.4 + 0.6 * sky) * dark + key * lambert * lit_share
+    light = ambient * (0.4 + 0.6 * shine) * dark + key * lambert * lit_share
     bodies_lit = albedo * light + gloss * key * np.minimum(shine, 1) ** power * lit_share * coverage
     scene = scene * (1 - cover.astype(np.float32) / 255) + bodies_lit
     for mask, shade in before:
@@ -196,6 +196,9 @@ class _Drawn:
     def __init__(self, pieces: list[Piece], camera: Pinhole) -> None:
         projected = [project_spheres(camera, piece.centres, piece.radii) for piece in pieces]
         self._nodes = np.concatenate([nodes for nodes, _ in projected])[None]
+        # Depth along y, not along the view: a tilt moves neighbours alike, and axes in one plane draw faster.
+        depth = np.concatenate([piece.centres[:, 1] for piece in pieces])
+        self._nodes[0, :, 2] = depth * camera.focal_length / camera.distance
         self._radii = np.concatenate([radii for _, radii in projected])[None]
         self._ends = np.cumsum([0, *(len(piece.radii) for piece in pieces)])
         self._shape = 1, camera.height, camera.width
