@@ -265,22 +265,22 @@ def _clutter(rng: Rng) -> dict:
     """Boxes, balls and rods on the backdrop, behind the device."""
     found: dict = {}
     for k in range(rng.integers(6, 16)):
-        place = [rng.uniform(-4, 14), rng.uniform(1.8, 5.0), rng.uniform(-8, 7)]
-        size = np.exp(rng.uniform(np.log(0.3), np.log(2.2), 3))
+        size = np.exp(rng.uniform(np.log(0.3), np.log(2.0), 3))
+        place = [rng.uniform(-4, 14), 1.0 + np.linalg.norm(size) + rng.uniform(0, 2), rng.uniform(-8, 7)]
         gray = rng.uniform(0.04, 0.9)
         surface = _diffuse(_printed(rng, gray, 128) if rng.random() < 0.5 else np.full((2, 2), gray, np.float32))
-        axis = rng.standard_normal(3).tolist()
-        pose = Transform().translate(place) @ Transform().rotate(axis, rng.uniform(0, 180))
+        bsdf = {"type": "twosided", "bsdf": surface}
         kind = ("cube", "sphere", "cylinder")[rng.integers(3)]
-        size[1] = min(size[1], 1.0)
-        shape = [size[0], size[0], 4 * size[1]] if kind == "cylinder" else [size[0], min(1.2, size[1]), size[2]]
-        if kind == "sphere":
-            shape = [min(1.2, float(size[0]))] * 3
-        found[f"thing{k}"] = {
-            "type": kind,
-            "to_world": pose @ Transform().scale([float(side) for side in shape]),
-            "bsdf": {"type": "twosided", "bsdf": surface},
-        }
+        if kind == "cube":
+            turn = Transform().rotate(rng.standard_normal(3).tolist(), rng.uniform(0, 180))
+            half = size.tolist()
+            shape: dict = {"to_world": Transform().translate(place) @ turn @ Transform().scale(half)}
+        elif kind == "sphere":
+            shape = {"center": place, "radius": min(1.2, float(size[0]))}
+        else:
+            reach = rng.normal(0, 2.5, 3) * [1, 0, 1]
+            shape = {"p0": (place - reach).tolist(), "p1": (place + reach).tolist(), "radius": min(1.0, float(size[0]))}
+        found[f"thing{k}"] = {"type": kind, "bsdf": bsdf} | shape
     return found
 
 

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from exosight.system.pinhole import Pinhole, project_spheres
+from exosight.system.camera import Camera, project
 from exosight.vision.clutter import polygon_mask
 from exosight.vision.occlusion import LINK_LENGTHS, LINK_RADII
 
@@ -59,7 +59,7 @@ def holders(rng: Rng, body: Piece, *, hand: bool) -> list[Piece]:
 
 
 def blocks(
-    rng: Rng, bodies: list[Piece], camera: Pinhole
+    rng: Rng, bodies: list[Piece], camera: Camera
 ) -> tuple[list[tuple[Mask, np.ndarray]], list[tuple[Mask, np.ndarray]]]:
     """Flat-sided mounts behind the bodies and before them, each a mask and its reflectance across the picture."""
     behind: list[tuple[Mask, np.ndarray]] = []
@@ -77,8 +77,7 @@ def blocks(
         corners = np.stack(
             [base + depth + a * ahead + b * up for a, b in ((start, low), (end, low), (end, high), (start, high))]
         )
-        seen, _ = project_spheres(camera, corners, np.zeros(4))
-        mask = polygon_mask(seen[:, :2], (camera.height, camera.width))
+        mask = polygon_mask(project(camera, corners), (camera.height, camera.width))
         slope = np.linspace(*rng.uniform(0.6, 1.0, 2), camera.height, dtype=np.float32)[:, None]
         shade = np.broadcast_to(np.float32(rng.uniform(0.03, 0.95)) * slope, mask.shape)
         (before if front else behind).append((mask, shade))

@@ -12,13 +12,13 @@ the model of Phong, doi 10.1145/360825.360839, with the half vector h of Blinn, 
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from jaxtyping import Float, Float32, Int64, UInt8
 
-from exosight.system.camera import Camera
-from exosight.system.pinhole import Pinhole, project_spheres
+from exosight.system.camera import Camera, project_spheres
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.augment import augment, draw_appearance
 from exosight.vision.background import BACKGROUNDS
@@ -90,25 +90,23 @@ def photo(
     return found
 
 
-def _camera(rng: Rng, camera: Camera) -> Pinhole:
+def _camera(rng: Rng, camera: Camera) -> Camera:
     """A pinhole camera near an orthographic one, which shows about the same field."""
     right, up, roll, pan, tilt, lens, zoom = rng.uniform(-1, 1, 7)
     side = camera.width * camera.metres_per_pixel
-    distance = float(np.exp(rng.uniform(*np.log(DISTANCE))))
-    return Pinhole(
-        target=(camera.centre[0] + SHIFT * side * right, 0.0, camera.centre[1] + SHIFT * side * up),
-        distance=distance,
+    return replace(
+        camera,
+        centre=(camera.centre[0] + SHIFT * side * right, camera.centre[1] + SHIFT * side * up),
+        metres_per_pixel=camera.metres_per_pixel * (1 + ZOOM) ** -zoom,
+        roll=camera.roll + ROLL * roll,
+        distance=float(np.exp(rng.uniform(*np.log(DISTANCE)))),
         pan=TILT * pan,
         tilt=TILT * tilt,
-        roll=camera.roll + ROLL * roll,
-        focal_length=distance / camera.metres_per_pixel * (1 + ZOOM) ** zoom,
         distortion=DISTORTION * lens,
-        width=camera.width,
-        height=camera.height,
     )
 
 
-def _scene(rng: Rng, bodies: list[Piece], camera: Pinhole) -> UInt8[np.ndarray, "height width"]:
+def _scene(rng: Rng, bodies: list[Piece], camera: Camera) -> UInt8[np.ndarray, "height width"]:
     shape = camera.height, camera.width
     held = [holders(rng, body, hand=k == 0) for k, body in enumerate(bodies)]
     drawn = _Drawn(bodies + [piece for pieces in held for piece in pieces], camera)
@@ -120,7 +118,7 @@ def _scene(rng: Rng, bodies: list[Piece], camera: Pinhole) -> UInt8[np.ndarray, 
     for mask, shade in behind:
         cover_with(scene, mask, shade)
     cover = drawn.layer()
-    gap = np.exp(rng.uniform(np.log(0.006), np.log(0.12))) * camera.focal_length / camera.distance
+    gap = np.exp(rng.uniform(np.log(0.006), np.log(0.12))) / camera.metres_per_pixel
     softness = gap * rng.uniform(0.05, 0.5)
     key, ambient = rng.uniform(0.2, 1.0), rng.uniform(0.15, 0.6)
     shadow = np.float32(1 / 255) * moved(cover, -away[0] * gap, away[1] * gap, softness)
@@ -193,12 +191,12 @@ def _direction(rng: Rng, largest: float) -> Float[np.ndarray, "3"]:
 class _Drawn:
     """Tubes of one frame in the picture, to be drawn in any shades and light."""
 
-    def __init__(self, pieces: list[Piece], camera: Pinhole) -> None:
+    def __init__(self, pieces: list[Piece], camera: Camera) -> None:
         projected = [project_spheres(camera, piece.centres, piece.radii) for piece in pieces]
         self._nodes = np.concatenate([nodes for nodes, _ in projected])[None]
         # Depth along y, not along the view: a tilt moves neighbours alike, and axes in one plane draw faster.
         depth = np.concatenate([piece.centres[:, 1] for piece in pieces])
-        self._nodes[0, :, 2] = depth * camera.focal_length / camera.distance
+        self._nodes[0, :, 2] = depth / camera.metres_per_pixel
         self._radii = np.concatenate([radii for _, radii in projected])[None]
         self._ends = np.cumsum([0, *(len(piece.radii) for piece in pieces)])
         self._shape = 1, camera.height, camera.width
