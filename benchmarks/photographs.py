@@ -13,6 +13,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from exosight.control.estimator import SHIPPED_MODELS, OnnxEstimator
@@ -23,22 +24,35 @@ from exosight.dataset.simulation import simulate_designs
 from exosight.evaluation.metrics import score
 from exosight.evaluation.ood_detection import auroc
 from exosight.system.observation import body_axes
+from exosight.system.camera import Camera
+from exosight.vision.photo import photo
+from exosight.vision.renderer import Tube
 from exosight.vision.scene import tubes
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "photographs.json"
+PICTURE = RESULTS.parents[1] / "images" / "photographs.png"
 CONFIG = GenerateConfig(system="index", per_scenario=8, frames=20, seed=4711)
 """Poses and forces of the pictures, and the clean pictures beside them."""
 EACH = 80
 """Pictures of each kind."""
+ACROSS = 8
+"""Pictures in a row of the page's picture."""
 LARGE = 0.05
 """Error of F_net that counts as large [N]."""
 
 
-def poses() -> Frames:
-    """Frames of CONFIG, as many as there are pictures."""
+def poses() -> tuple[Frames, list[tuple[Tube, ...]], Camera]:
+    """Frames of CONFIG, as many as there are pictures, with the bodies of each, and the camera."""
     designs = design_set(CONFIG, None)
-    frames, _ = simulate_designs(CONFIG, designs, draw_designs(CONFIG, designs))
-    return take(frames, np.random.default_rng(CONFIG.seed).choice(len(frames), 3 * EACH, replace=False))
+    drawn = draw_designs(CONFIG, designs)
+    frames, _ = simulate_designs(CONFIG, designs, drawn)
+    frames = take(frames, np.random.default_rng(CONFIG.seed).choice(len(frames), 3 * EACH, replace=False))
+    systems = [designs.build(drawn[number]) for number in frames.design.tolist()]
+    bodies = [
+        tubes(system, {name: np.asarray(axis) for name, axis in body_axes(system, q[None]).items()})
+        for system, q in zip(systems, frames.pose, strict=True)
+    ]
+    return frames, bodies, designs.camera
 
 
 def draw(folder: Path) -> None:
@@ -46,24 +60,26 @@ def draw(folder: Path) -> None:
     from benchmarks.path_traced import KINDS, picture
 
     folder.mkdir(parents=True, exist_ok=True)
-    frames = poses()
-    designs = design_set(CONFIG, None)
-    drawn = draw_designs(CONFIG, designs)
+    frames, bodies, camera = poses()
     images = np.empty_like(frames.images)
-    for k in range(len(frames)):
+    for k, (finger, exosuit) in enumerate(bodies):
         path = folder / f"{k:03d}.npy"
         if not path.exists():
-            system = designs.build(drawn[frames.design[k]])
-            bodies = {
-                tube.name: (seen.centres[0], seen.radii[0])
-                for tube, seen in zip(
-                    system.tubes, tubes(system, body_axes(system, frames.pose[k : k + 1])), strict=True
-                )
+            own = {
+                "finger": (finger.centres[0], finger.radii[0]),
+                "exosuit": (exosuit.centres[0], exosuit.radii[0]),
             }
             with tempfile.TemporaryDirectory() as meshes:
                 rng = np.random.default_rng([CONFIG.seed, k])
-                np.save(path, picture(rng, KINDS[k % 3], bodies, Path(meshes)))
+                np.save(path, picture(rng, KINDS[k % 3], own, Path(meshes)))
         images[k] = np.load(path)
+    learned = [
+        photo(own, camera, frames.images[k : k + 1], (CONFIG.seed,), np.array([k]))[0]
+        for k, own in enumerate(bodies[: 2 * ACROSS])
+    ]
+    rows = [*learned, *(images[k] for kind in range(3) for k in range(kind, 3 * ACROSS, 3))]
+    grid = np.reshape(rows, (5, ACROSS, *images.shape[1:])).swapaxes(1, 2)
+    cv2.imwrite(str(PICTURE), grid.reshape(5 * images.shape[1], -1))
     np.savez(
         folder / "pictures.npz",
         images=images,
