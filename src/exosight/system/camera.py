@@ -139,7 +139,7 @@ def project_spheres(
     """
     if camera.distance is None:
         depth = centres[..., 1:2] / camera.metres_per_pixel
-        return np.concatenate([project(camera, centres), depth], axis=-1), radii / camera.metres_per_pixel
+        return np.concatenate([project(camera, centres), depth], axis=-1), np.asarray(radii / camera.metres_per_pixel)
     focal_length = camera.distance / camera.metres_per_pixel
     target = np.array([camera.centre[0], 0.0, camera.centre[1]])
     at = (centres - target) @ camera.rotation.T
@@ -149,4 +149,4 @@ def project_spheres(
     seen = np.array([camera.width, camera.height]) / 2 + focal_length * (1 + bent)[..., None] * flat
     depth = focal_length * np.log(far / camera.distance)
     size = focal_length * (1 + 2 * bent) * radii / np.sqrt(np.maximum(far**2 - radii**2, NEAREST**2))
-    return np.concatenate([seen, depth[..., None]], axis=-1), size
+    return np.concatenate([seen, depth[..., None]], axis=-1), np.asarray(size)
