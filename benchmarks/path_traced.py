@@ -60,9 +60,7 @@ def _camera(rng: Rng) -> dict:
     up = [np.sin(roll), 0.0, np.cos(roll)]
     angle = 2 * np.rad2deg(np.arctan(FIELD / rng.uniform(0.95, 1.05) / 2 / distance))
     film = {"type": "hdrfilm", "width": SIDE, "height": SIDE, "rfilter": {"type": "gaussian"}}
-    pose = Transform().look_at(
-        origin=(target + distance * towards).tolist(), target=target.tolist(), up=up
-    )
+    pose = Transform().look_at(origin=(target + distance * towards).tolist(), target=target.tolist(), up=up)
     return {"sensor": {"type": "perspective", "fov": float(angle), "to_world": pose, "film": film}}
 
 
@@ -89,15 +87,22 @@ def _backdrop(rng: Rng, kind: str) -> dict:
     turn = Transform().rotate([1, 0, 0], 90) @ Transform().scale(40)
     place = Transform().translate([5, rng.uniform(2.5, 8), 0]) @ turn
     gray = rng.uniform(0.1, 0.9)
-    surface = _diffuse(np.full((2, 2), gray, np.float32)) if kind == "plain" else _diffuse(_printed(rng, gray, 512))
-    return {"backdrop": {"type": "rectangle", "to_world": place, "bsdf": {"type": "twosided", "bsdf": surface}}}
+    surface = (
+        _diffuse(np.full((2, 2), gray, np.float32)) if kind == "plain" else _diffuse(_printed(rng, gray, 512))
+    )
+    return {
+        "backdrop": {"type": "rectangle", "to_world": place, "bsdf": {"type": "twosided", "bsdf": surface}}
+    }
 
 
 def _printed(rng: Rng, gray: float, side: int) -> Float[np.ndarray, "side side"]:
     """Reflectance of planks, marble, cloth, or lines of writing; the plane shows 80 cm, the picture 14."""
     y, x = np.mgrid[0:side, 0:side].astype(np.float32) / side
     octaves = [
-        cv2.resize(rng.standard_normal((n, n)).astype(np.float32), (side, side), interpolation=cv2.INTER_CUBIC) / n**0.7
+        cv2.resize(
+            rng.standard_normal((n, n)).astype(np.float32), (side, side), interpolation=cv2.INTER_CUBIC
+        )
+        / n**0.7
         for n in (8, 16, 32, 64, 128, 256)
     ]
     cloud = np.sum(octaves, axis=0)
@@ -132,7 +137,9 @@ def _bitmap(gray: np.ndarray) -> dict:
 
 def _skin(rng: Rng) -> dict:
     side = 256
-    mottled = cv2.resize(rng.standard_normal((20, 20)).astype(np.float32), (side, side), interpolation=cv2.INTER_CUBIC)
+    mottled = cv2.resize(
+        rng.standard_normal((20, 20)).astype(np.float32), (side, side), interpolation=cv2.INTER_CUBIC
+    )
     gray = rng.uniform(0.15, 0.75) * (1 + rng.uniform(0.0, 0.12) * mottled)
     for place in rng.uniform(0.1, 0.9, rng.integers(0, 4)):  # creases at joints
         gray[:, int(place * side) : int(place * side) + 4] *= 0.75
@@ -180,7 +187,7 @@ def _tube(name: str, nodes: np.ndarray, radii: np.ndarray, bsdf: dict, folder: P
 
 
 def _write_mesh(path: Path, nodes: np.ndarray, radii: np.ndarray) -> None:
-    """Circles normal to the axis, joined by triangles, with smooth normals and (s, angle) as texture places."""
+    """Circles normal to the axis, joined by triangles; place and angle along it are those of textures."""
     steps = np.diff(nodes, axis=0)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     if len(nodes) < 8:  # links: each a cone of its own
@@ -226,14 +233,18 @@ def _write_mesh(path: Path, nodes: np.ndarray, radii: np.ndarray) -> None:
 def _hand(rng: Rng, base: np.ndarray, radius: float, skin: dict, folder: Path) -> dict:
     """A palm behind the finger's base, and three fingers beside it, bent."""
     across = np.array([0.0, rng.uniform(0.5, 1.5), rng.uniform(-1.5, 0.0)])
-    palm = base + np.array([-0.8, -3.0, -7.0])[:, None] * [1.0, 0.0, 0.0] + np.array([[0.4], [1.0], [1.4]]) * across
+    palm = (
+        base
+        + np.array([-0.8, -3.0, -7.0])[:, None] * [1.0, 0.0, 0.0]
+        + np.array([[0.4], [1.0], [1.4]]) * across
+    )
     found = _tube("palm", palm, radius * rng.uniform((1.1, 1.6, 1.5), (1.5, 2.3, 2.2)), skin, folder)
     bend = rng.uniform(0.5, 1.4)
     for k in range(3):
         angles = np.cumsum(bend * rng.uniform(0.8, 1.2, 3) * [0.8, 1.1, 0.8])
         lengths = np.array([3.6, 2.4, 1.8]) * rng.uniform(0.85, 1.05)
         steps = np.stack([np.cos(angles), np.zeros(3), -np.sin(angles)], axis=1) * lengths[:, None]
-        start = base + [-0.6, 1.9 * (k + 1), -0.3 * k]
+        start = base + np.array([-0.6, 1.9 * (k + 1), -0.3 * k])
         nodes = np.vstack([start, start + np.cumsum(steps, axis=0)])
         sizes = radius * rng.uniform(0.8, 0.95) * np.array([1.0, 0.85, 0.7, 0.55])
         found |= _tube(f"other{k}", nodes, sizes, skin, folder)
@@ -244,7 +255,7 @@ def _mount(rng: Rng, base: np.ndarray, radius: float) -> dict:
     """A block behind the exosuit's base that clamps it, and perhaps a strap around the finger."""
     gray = float(rng.uniform(0.05, 0.9))
     half = [rng.uniform(0.5, 1.4), radius * rng.uniform(1.1, 1.8), radius * rng.uniform(0.9, 1.7)]
-    place = base + [-half[0] + rng.uniform(-0.1, 0.2), 0, rng.uniform(-0.2, 0.3)]
+    place = base + np.array([-half[0] + rng.uniform(-0.1, 0.2), 0, rng.uniform(-0.2, 0.3)])
     bsdf = {"type": "roughplastic", "diffuse_reflectance": {"type": "rgb", "value": gray}, "alpha": 0.2}
     turn = Transform().rotate([0, 1, 0], rng.uniform(-5, 5))
     pose = Transform().translate(place.tolist()) @ turn @ Transform().scale(half)
@@ -256,7 +267,10 @@ def _mount(rng: Rng, base: np.ndarray, radius: float) -> dict:
             "p0": [float(base[0] - 0.9), 0.0, float(low)],
             "p1": [float(base[0] - 0.9), 0.0, float(base[2])],
             "radius": float(rng.uniform(1.1, 1.3)),
-            "bsdf": {"type": "twosided", "bsdf": _diffuse(np.full((2, 2), rng.uniform(0.05, 0.9), np.float32))},
+            "bsdf": {
+                "type": "twosided",
+                "bsdf": _diffuse(np.full((2, 2), rng.uniform(0.05, 0.9), np.float32)),
+            },
         }
     return found
 
@@ -268,7 +282,9 @@ def _clutter(rng: Rng) -> dict:
         size = np.exp(rng.uniform(np.log(0.3), np.log(2.0), 3))
         place = [rng.uniform(-4, 14), 1.0 + np.linalg.norm(size) + rng.uniform(0, 2), rng.uniform(-8, 7)]
         gray = rng.uniform(0.04, 0.9)
-        surface = _diffuse(_printed(rng, gray, 128) if rng.random() < 0.5 else np.full((2, 2), gray, np.float32))
+        surface = _diffuse(
+            _printed(rng, gray, 128) if rng.random() < 0.5 else np.full((2, 2), gray, np.float32)
+        )
         bsdf = {"type": "twosided", "bsdf": surface}
         kind = ("cube", "sphere", "cylinder")[rng.integers(3)]
         if kind == "cube":
@@ -279,7 +295,11 @@ def _clutter(rng: Rng) -> dict:
             shape = {"center": place, "radius": min(1.2, float(size[0]))}
         else:
             reach = rng.normal(0, 2.5, 3) * [1, 0, 1]
-            shape = {"p0": (place - reach).tolist(), "p1": (place + reach).tolist(), "radius": min(1.0, float(size[0]))}
+            shape = {
+                "p0": (place - reach).tolist(),
+                "p1": (place + reach).tolist(),
+                "radius": min(1.0, float(size[0])),
+            }
         found[f"thing{k}"] = {"type": kind, "bsdf": bsdf} | shape
     return found
 
@@ -293,7 +313,10 @@ def _cable(rng: Rng, folder: Path) -> dict:
     weights = np.hstack([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3])
     line = weights @ ends
     nodes = np.column_stack([line[:, 0], np.full(48, y), line[:, 1]])
-    bsdf = {"type": "roughplastic", "diffuse_reflectance": {"type": "rgb", "value": float(rng.uniform(0.03, 0.8))}}
+    bsdf = {
+        "type": "roughplastic",
+        "diffuse_reflectance": {"type": "rgb", "value": float(rng.uniform(0.03, 0.8))},
+    }
     return _tube("cable", nodes, np.full(48, rng.uniform(0.08, 0.22)), bsdf, folder)
 
 
@@ -307,7 +330,9 @@ def _exposed(rng: Rng, kind: str, linear: np.ndarray) -> UInt8[np.ndarray, "heig
         length, angle = rng.uniform(0, 4), rng.uniform(0, np.pi)
         kernel = np.zeros((9, 9), np.float32)
         for step in np.linspace(-0.5, 0.5, 33):
-            kernel[round(4 + length * step * np.sin(angle)), round(4 + length * step * np.cos(angle))] += 1 / 33
+            kernel[round(4 + length * step * np.sin(angle)), round(4 + length * step * np.cos(angle))] += (
+                1 / 33
+            )
         image = cv2.filter2D(image, -1, kernel, borderType=cv2.BORDER_REFLECT)
         image = cv2.GaussianBlur(image, (0, 0), rng.uniform(0.3, 1.0))
     noisy = image + rng.normal(0, rng.uniform(0.5, 4.0), image.shape)

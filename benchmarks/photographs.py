@@ -2,8 +2,8 @@
 
     python -m benchmarks.photographs --data FOLDER [--model index-photo]
 
-draws 80 pictures each before a plain wall, textured desks and clutter with Mitsuba 3 into the folder (once:
-some ten minutes; `pip install mitsuba`), reads them with the networks, and writes docs/results/photographs.json.
+draws 80 pictures each before a plain wall, textured desks and clutter with Mitsuba 3 into the folder (once;
+some ten minutes), reads them with the networks, and writes docs/results/photographs.json.
 No network may learn from them.
 """
 
@@ -23,8 +23,8 @@ from exosight.dataset.frames import Frames, take
 from exosight.dataset.simulation import simulate_designs
 from exosight.evaluation.metrics import score
 from exosight.evaluation.ood_detection import auroc
-from exosight.system.observation import body_axes
 from exosight.system.camera import Camera
+from exosight.system.observation import body_axes
 from exosight.vision.photo import photo
 from exosight.vision.renderer import Tube
 from exosight.vision.scene import tubes

@@ -1,4 +1,4 @@
-"""Tables of docs/benchmarks.md, docs/matlab.md and docs/photographs.md, from docs/results and the shipped network."""
+"""Tables of benchmarks.md, matlab.md and photographs.md, from docs/results and the shipped network."""
 
 import json
 from collections import Counter
@@ -80,7 +80,13 @@ def photograph_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
     head = ("network", "pictures", "F_net r", "F_net RMSE [mN]", "zones r", "inside 90 % [%]", "flagged [%]")
     rows = [
         (
-            *(f"`{network}`", kind, f"{of['r_net']:.3f}", f"{1e3 * of['rmse_net']:.0f}", f"{of['r_zones']:.3f}"),
+            *(
+                f"`{network}`",
+                kind,
+                f"{of['r_net']:.3f}",
+                f"{1e3 * of['rmse_net']:.0f}",
+                f"{of['r_zones']:.3f}",
+            ),
             *(f"{100 * of['held']:.0f}", f"{100 * of['flagged']:.0f}"),
             *("–" if of[name] is None else f"{of[name]:.2f}" for name in ("auroc", "auroc_width")),
         )

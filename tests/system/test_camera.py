@@ -85,7 +85,7 @@ PINHOLE = Camera(distance=0.3, pan=0.12, tilt=-0.2, roll=0.3, distortion=-0.05, 
 def in_view(count, seed=0):
     """Points within ± 6 cm of what the camera looks at, in all directions [m]."""
     x, z = PINHOLE.centre
-    return np.random.default_rng(seed).uniform(-0.06, 0.06, (count, 3)) + [x, 0, z]
+    return np.random.default_rng(seed).uniform(-0.06, 0.06, (count, 3)) + np.array([x, 0, z])
 
 
 def test_pinhole_agrees_with_opencv():

@@ -16,7 +16,7 @@ def bodies(frames):
     finger = np.tile([[0.0, 0, 0], [0.05, 0, 0], [0.09, 0, -0.01]], (frames, 1, 1))
     angle = np.linspace(0, 2, frames)[:, None] * along
     steps = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], axis=-1) * 0.09 / 11
-    rod = np.cumsum(steps, axis=1) + [0, 0, 0.017]
+    rod = np.cumsum(steps, axis=1) + np.array([0, 0, 0.017])
     return [
         Tube(finger, np.tile([0.011, 0.007, 0.004], (frames, 1)), 0.7),
         Tube(rod, np.tile(0.006 - 0.002 * along, (frames, 1)), 0.35),
@@ -37,7 +37,9 @@ def test_a_frame_depends_on_its_number_alone():
 
 def test_some_frames_stay_clean_and_no_other_is_the_same():
     count = 300
-    tubes = [Tube(np.repeat(t.centres[:1], count, 0), np.repeat(t.radii[:1], count, 0), t.shade) for t in bodies(1)]
+    tubes = [
+        Tube(np.repeat(t.centres[:1], count, 0), np.repeat(t.radii[:1], count, 0), t.shade) for t in bodies(1)
+    ]
     clean = render(tubes, CAMERA)
     found = photo(tubes, CAMERA, clean, (0,), np.arange(count))
     same = (found == clean).all(axis=(1, 2))

@@ -34,8 +34,9 @@ SHIPPED = "shipped"
 
 
 def model_path(given: Path | None, system: str) -> Path:
-    """The file of a network: as given, one of NAMED_MODELS by its name, or the package's own for a system where
-    it is left out or "shipped".
+    """The file of a network: as given, one of NAMED_MODELS by its name, or the package's own for a system.
+
+    The last where it is left out or "shipped".
 
     A system that the package has no network for gets the published system's, which then does not fit it.
     """

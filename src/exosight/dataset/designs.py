@@ -30,7 +30,8 @@ def resolved(config: GenerateConfig) -> tuple[GenerateConfig, Values | None]:
     """
     if config.photo and (config.lighting, config.appearance) != (_NOMINAL.lighting, _NOMINAL.appearance):
         raise InputError(
-            "photo: such pictures vary in light and appearance already; leave out photo, or lighting and appearance"
+            "photo: such pictures vary in light and appearance already, got one of these as well; leave out "
+            "photo, or lighting and appearance"
         )
     found = find_system(config.system)
     description = found.values if isinstance(found, FileDesigns) else None

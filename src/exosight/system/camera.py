@@ -24,7 +24,7 @@ the presets, `published` alone is seen so."""
 
 
 NEAREST = 1e-3
-"""Least depth of what a pinhole camera shows [m]: what is nearer, or behind it, is shown as if it were there."""
+"""Least depth of what a pinhole camera shows [m]: what is nearer is shown as if it were there."""
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -46,7 +46,9 @@ class Camera:
     """Image height [pixels]."""
     roll: Annotated[float, Field(ge=-np.pi, le=np.pi)] = 0.0
     """By which the image is turned clockwise about its middle, as of a camera turned the other way [rad]."""
-    distance: Annotated[float, Field(ge=0.01, le=1000)] | None = Field(None, exclude_if=lambda far: far is None)
+    distance: Annotated[float, Field(ge=0.01, le=1000)] | None = Field(
+        None, exclude_if=lambda far: far is None
+    )
     """From the pinhole to the centre [m]; None: orthographic."""
     pan: Annotated[float, Field(ge=-1.5, le=1.5)] = Field(0.0, exclude_if=lambda angle: angle == 0.0)
     """By which the pinhole goes to the right around the centre, about the world's z [rad]."""
@@ -139,7 +141,9 @@ def project_spheres(
     """
     if camera.distance is None:
         depth = centres[..., 1:2] / camera.metres_per_pixel
-        return np.concatenate([project(camera, centres), depth], axis=-1), np.asarray(radii / camera.metres_per_pixel)
+        return np.concatenate([project(camera, centres), depth], axis=-1), np.asarray(
+            radii / camera.metres_per_pixel
+        )
     focal_length = camera.distance / camera.metres_per_pixel
     target = np.array([camera.centre[0], 0.0, camera.centre[1]])
     at = (centres - target) @ camera.rotation.T

@@ -45,7 +45,9 @@ def desk(rng: Rng, shape: tuple[int, int]) -> Plane:
     values = rng.standard_normal((2 + int(side / across), 2 + int(side / along)), np.float32)
     turn = cv2.getRotationMatrix2D((side / 2, side / 2), rng.uniform(0, 360), 1.0)
     turn[:, 2] -= side / 2 - np.array([width, height]) / 2
-    grain = cv2.warpAffine(cv2.resize(values, (side, side)), turn, (width, height), borderMode=cv2.BORDER_REFLECT)
+    grain = cv2.warpAffine(
+        cv2.resize(values, (side, side)), turn, (width, height), borderMode=cv2.BORDER_REFLECT
+    )
     return np.asarray(grain, np.float32) * np.float32(rng.uniform(0.04, 0.35))
 
 
@@ -86,7 +88,10 @@ def moved(mask: np.ndarray, right: float, down: float, blur: float) -> np.ndarra
     """A mask moved by some pixels and blurred: where the light is away."""
     height, width = mask.shape
     shifted = cv2.warpAffine(
-        mask, np.array([[1.0, 0.0, right], [0.0, 1.0, down]]), (width, height), borderMode=cv2.BORDER_REPLICATE
+        mask,
+        np.array([[1.0, 0.0, right], [0.0, 1.0, down]]),
+        (width, height),
+        borderMode=cv2.BORDER_REPLICATE,
     )
     # A triangle of half width a has the standard deviation a/√6.
     size = 2 * round(np.sqrt(6) * blur) + 1

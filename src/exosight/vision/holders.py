@@ -51,9 +51,13 @@ def holders(rng: Rng, body: Piece, *, hand: bool) -> list[Piece]:
         place = np.array([0.0, rng.uniform(-0.03, -0.015) if front else rng.uniform(0.012, 0.06), 0.0])
         place += rng.uniform(-0.016, -0.002) * ahead + [0.0, 0.0, rng.uniform(-0.012, 0.01)]
         lengths = size * np.array(LINK_LENGTHS) * (0.6 if front else 1.0)
-        steps = [length * _turned(ahead, -turn) for length, turn in zip(lengths, np.cumsum(turns), strict=True)]
+        steps = [
+            length * _turned(ahead, -turn) for length, turn in zip(lengths, np.cumsum(turns), strict=True)
+        ]
         found.append(
-            Piece(base + place + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)]), size * np.array(LINK_RADII))
+            Piece(
+                base + place + np.vstack([np.zeros(3), np.cumsum(steps, axis=0)]), size * np.array(LINK_RADII)
+            )
         )
     return found
 
@@ -61,7 +65,7 @@ def holders(rng: Rng, body: Piece, *, hand: bool) -> list[Piece]:
 def blocks(
     rng: Rng, bodies: list[Piece], camera: Camera
 ) -> tuple[list[tuple[Mask, np.ndarray]], list[tuple[Mask, np.ndarray]]]:
-    """Flat-sided mounts behind the bodies and before them, each a mask and its reflectance across the picture."""
+    """Flat-sided mounts behind the bodies and before them, each a mask and its reflectance."""
     behind: list[tuple[Mask, np.ndarray]] = []
     before: list[tuple[Mask, np.ndarray]] = []
     for number, body in enumerate(bodies):
@@ -75,7 +79,10 @@ def blocks(
         up = _turned(ahead, np.pi / 2 + rng.uniform(-0.15, 0.15))
         depth = np.array([0.0, (-1 if front else 1) * radius, 0.0])
         corners = np.stack(
-            [base + depth + a * ahead + b * up for a, b in ((start, low), (end, low), (end, high), (start, high))]
+            [
+                base + depth + a * ahead + b * up
+                for a, b in ((start, low), (end, low), (end, high), (start, high))
+            ]
         )
         mask = polygon_mask(project(camera, corners), (camera.height, camera.width))
         slope = np.linspace(*rng.uniform(0.6, 1.0, 2), camera.height, dtype=np.float32)[:, None]

@@ -1,4 +1,4 @@
-"""Pictures as a camera takes them: of textured bodies, held by a hand and a mount, before a desk, in real light.
+"""Pictures as a camera takes them: textured bodies, held by a hand and a mount, before a desk, in real light.
 
 Everything that a photograph may differ in is drawn frame by frame, so that a network which learns from such
 pictures relies on none of it: a pinhole camera that is moved and tilted; skin, rings and patterns on the
@@ -13,6 +13,7 @@ the model of Phong, doi 10.1145/360825.360839, with the half vector h of Blinn, 
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -22,7 +23,7 @@ from exosight.system.camera import Camera, project_spheres
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.augment import augment, draw_appearance
 from exosight.vision.background import BACKGROUNDS
-from exosight.vision.clutter import backdrop, cable_mask, cover_with, moved, polygon_mask, texture
+from exosight.vision.clutter import backdrop, cable_mask, cover_with, moved, texture
 from exosight.vision.depth_order import draw_in_depth_order
 from exosight.vision.holders import Piece, blocks, holders
 from exosight.vision.occlusion import OCCLUSIONS
@@ -30,6 +31,7 @@ from exosight.vision.renderer import Tube
 
 Rng = np.random.Generator
 Plane = Float32[np.ndarray, "height width"]
+Mask = UInt8[np.ndarray, "height width"]
 
 CLEAN = 0.1
 """Share of the frames that stay as the renderer draws them, so that clean pictures are still read."""
@@ -39,6 +41,10 @@ DISTANCE = 0.25, 1.5
 """Limits of the camera's distance [m]."""
 DISTORTION = 0.04
 """Largest radial distortion at the picture's corners, as a share of their distance."""
+GAP = 0.006, 0.12
+"""Limits of the distance from the bodies to what lies behind them [m]."""
+EXPOSURE, GAMMA = (0.5, 1.3), (1.0, 2.4)
+"""Limits of what the 95 % quantile of light becomes, where white is 1, and of the gray value curve."""
 
 LENS_AND_SENSOR = AppearanceVariation(
     share=0.4,
@@ -106,60 +112,96 @@ def _camera(rng: Rng, camera: Camera) -> Camera:
     )
 
 
+class _Light(NamedTuple):
+    """What a scene is lit by."""
+
+    lamp: Float[np.ndarray, "3"]
+    """unit vector to it: right, up, towards the camera"""
+    key: float
+    """its light on a surface that faces it"""
+    ambient: float
+    """light from all sides"""
+    strength: np.float32
+    """share of the lamp's light that a shadow lacks"""
+
+    @property
+    def shift(self) -> tuple[float, float]:
+        """Where a shadow falls, to the right and down, at a unit distance behind what casts it."""
+        across, up = self.lamp[:2] / max(self.lamp[2], 0.35)
+        return -across, up
+
+
 def _scene(rng: Rng, bodies: list[Piece], camera: Camera) -> UInt8[np.ndarray, "height width"]:
-    shape = camera.height, camera.width
     held = [holders(rng, body, hand=k == 0) for k, body in enumerate(bodies)]
     drawn = _Drawn(bodies + [piece for pieces in held for piece in pieces], camera)
     lamp = _direction(rng, 1.1)
-    away = lamp[:2] / max(lamp[2], 0.35)
-    # The lamp's cast shadow on what lies behind, and the darkness of diffuse light next to a body.
-    scene = np.asarray(backdrop(rng, shape), np.float32)
+    surface = np.asarray(backdrop(rng, (camera.height, camera.width)), np.float32)
     behind, before = blocks(rng, bodies, camera)
     for mask, shade in behind:
-        cover_with(scene, mask, shade)
+        cover_with(surface, mask, shade)
     cover = drawn.layer()
-    gap = np.exp(rng.uniform(np.log(0.006), np.log(0.12))) / camera.metres_per_pixel
+    scene, light = _behind(rng, surface, cover, lamp, camera.metres_per_pixel)
+    scene *= 1 - cover.astype(np.float32) / 255
+    scene += _bodies(rng, drawn, cover, [len(pieces) for pieces in held], light)
+    _in_front(rng, scene, before, np.float32(light.ambient + 0.7 * light.key))
+    # From dark to overexposed: what the 95 % quantile of light becomes, and the gray value curve.
+    gain = np.exp(rng.uniform(*np.log(EXPOSURE))) / np.quantile(scene[::4, ::4], 0.95)
+    curve = np.float32(1 / rng.uniform(*GAMMA))
+    return (255 * np.clip(scene * np.float32(gain), 0, 1) ** curve + 0.5).astype(np.uint8)
+
+
+def _behind(
+    rng: Rng, surface: Plane, cover: Mask, lamp: Float[np.ndarray, "3"], metres_per_pixel: float
+) -> tuple[Plane, _Light]:
+    """A surface in the shadows of what is before it, some distance away, and the light that it is drawn in."""
+    gap = np.exp(rng.uniform(*np.log(GAP))) / metres_per_pixel
     softness = gap * rng.uniform(0.05, 0.5)
     key, ambient = rng.uniform(0.2, 1.0), rng.uniform(0.15, 0.6)
-    shadow = np.float32(1 / 255) * moved(cover, -away[0] * gap, away[1] * gap, softness)
-    near = np.float32(rng.uniform(0, 0.6) / 255) * moved(cover, 0, 0, rng.uniform(1.0, 6.0))
-    strength = np.float32(rng.uniform(0.3, 1.0))
-    scene *= (ambient * (1 - near) + key * max(lamp[2], 0.2) * (1 - strength * shadow)).astype(np.float32)
+    dark = np.float32(rng.uniform(0, 0.6) / 255) * moved(cover, 0, 0, rng.uniform(1.0, 6.0))
+    light = _Light(lamp, key, ambient, np.float32(rng.uniform(0.3, 1.0)))
+    right, down = light.shift
+    shadow = light.strength / 255 * moved(cover, right * gap, down * gap, softness)
+    lit = ambient * (1 - dark) + key * max(lamp[2], 0.2) * (1 - shadow)
+    return surface * lit.astype(np.float32), light
 
-    albedo = _reflectance(rng, drawn, [len(pieces) for pieces in held]).astype(np.float32) / 255
-    own = [drawn.layer([float(k == i) for k in range(drawn.count)]) for i in range(1, len(bodies))]
+
+def _bodies(rng: Rng, drawn: "_Drawn", cover: Mask, held: list[int], light: _Light) -> Plane:
+    """Bodies and what holds them, lit, times the share of each pixel that they cover."""
+    albedo = _reflectance(rng, drawn, held).astype(np.float32) / 255
+    own = [drawn.layer([float(k == i) for k in range(drawn.count)]) for i in range(1, len(held))]
+    # What holds the first body is of one kind with it.
     own.insert(0, cover - np.minimum(np.sum(own, axis=0, dtype=np.uint16), cover).astype(np.uint8))
-    lit_share = np.ones(shape, np.float32)
-    dark = np.ones(shape, np.float32)
+    lit, open_to_sky = np.ones(cover.shape, np.float32), np.ones(cover.shape, np.float32)
+    right, down = light.shift
     for mask in own:
         if rng.random() < 0.7:
             kinds = BACKGROUNDS if rng.random() < 0.5 else ("fractal", "smooth")
-            albedo *= 1 + texture(rng, shape, kinds, 0.5) * (mask.astype(np.float32) / 255)
+            albedo *= 1 + texture(rng, cover.shape, kinds, 0.5) * (mask.astype(np.float32) / 255)
         # What a body takes of the light that falls on the others; both masks are 0…255.
         others = (cover.astype(np.float32) - mask) / 255
         reach = rng.uniform(2.0, 9.0)
-        cast = moved(mask, -away[0] * reach, away[1] * reach, rng.uniform(0.4, 2.5)).astype(np.float32)
-        lit_share -= strength * cast / 255 * others
-        dark -= np.float32(rng.uniform(0, 0.7) / 255) * moved(mask, 0, 0, rng.uniform(0.8, 3.0)) * others
-    np.maximum(lit_share, 0, out=lit_share)
-    np.maximum(dark, 0, out=dark)
-    ones = [1.0] * drawn.count
-    coverage = np.maximum(cover.astype(np.float32), 1) / 255
-    lambert = drawn.layer(ones, lamp).astype(np.float32) / 255 / coverage
-    half = lamp + [0.0, 0.0, 1.0]
-    shine = drawn.layer(ones, half / np.linalg.norm(half)).astype(np.float32) / 255 / coverage
+        cast = moved(mask, right * reach, down * reach, rng.uniform(0.4, 2.5))
+        lit -= light.strength / 255 * cast * others
+        near = np.float32(rng.uniform(0, 0.7) / 255)
+        open_to_sky -= near * moved(mask, 0, 0, rng.uniform(0.8, 3.0)) * others
+    np.maximum(lit, 0, out=lit)
+    np.maximum(open_to_sky, 0, out=open_to_sky)
+    ones, part = [1.0] * drawn.count, np.maximum(cover.astype(np.float32), 1)
+    half = light.lamp + [0.0, 0.0, 1.0]  # noqa: RUF005 (vectors are added)
+    lambert = drawn.layer(ones, light.lamp) / part
+    shine = drawn.layer(ones, half / np.linalg.norm(half)) / part
     power, gloss = np.exp(rng.uniform(np.log(4), np.log(60))), max(rng.uniform(-0.4, 0.5), 0.0)
-    light = ambient * (0.4 + 0.6 * shine) * dark + key * lambert * lit_share
-    bodies_lit = albedo * light + gloss * key * np.minimum(shine, 1) ** power * lit_share * coverage
-    scene = scene * (1 - cover.astype(np.float32) / 255) + bodies_lit
+    diffuse = light.ambient * (0.4 + 0.6 * shine) * open_to_sky + light.key * lambert * lit
+    return albedo * diffuse + gloss * light.key * np.minimum(shine, 1) ** power * lit * part / 255
+
+
+def _in_front(rng: Rng, scene: Plane, before: list[tuple[Mask, np.ndarray]], lit: np.float32) -> None:
+    """Blocks and cables before everything else, in place."""
     for mask, shade in before:
-        cover_with(scene, mask, (ambient + key * 0.7) * shade)
+        cover_with(scene, mask, lit * shade)
     for _ in range(rng.choice([0, 1, 2], p=[0.7, 0.22, 0.08])):
-        mask, bright = cable_mask(rng, shape, rng.uniform(0.008, 0.03) * shape[1])
-        cover_with(scene, mask, (ambient + key * 0.7) * np.float32(rng.uniform(0.02, 0.9)) * bright)
-    # Exposure: the 95 % quantile becomes nearly white, or is overexposed, or stays dark.
-    exposed = scene * np.float32(np.exp(rng.uniform(np.log(0.5), np.log(1.3))) / np.quantile(scene[::4, ::4], 0.95))
-    return (255 * np.clip(exposed, 0, 1) ** np.float32(1 / rng.uniform(1.0, 2.4)) + 0.5).astype(np.uint8)
+        mask, bright = cable_mask(rng, scene.shape, rng.uniform(0.008, 0.03) * scene.shape[1])
+        cover_with(scene, mask, lit * np.float32(rng.uniform(0.02, 0.9)) * bright)
 
 
 def _reflectance(rng: Rng, drawn: "_Drawn", held: list[int]) -> UInt8[np.ndarray, "height width"]:
@@ -176,7 +218,9 @@ def _reflectance(rng: Rng, drawn: "_Drawn", held: list[int]) -> UInt8[np.ndarray
     place = np.arange(segments) / segments
     wave = np.sin(2 * np.pi * (rng.uniform(1, 14) * place + rng.random()))
     rings = np.sign(wave) if rng.random() < 0.5 else wave
-    values = np.clip(shades[number] * (1 + rng.uniform(0, 0.6) * rings) + rng.uniform(-0.2, 0.2) * place, 0, 1)
+    values = np.clip(
+        shades[number] * (1 + rng.uniform(0, 0.6) * rings) + rng.uniform(-0.2, 0.2) * place, 0, 1
+    )
     return drawn.ringed(number, values, shades)
 
 
