@@ -99,8 +99,10 @@ def test_shadow_moves_and_blurs_as_asked():
 def test_polygon_covers_its_area():
     corners = np.array([[10.5, 8.0], [40.0, 12.5], [30.0, 41.0]])
     (ax, ay), (bx, by) = corners[1] - corners[0], corners[2] - corners[0]
-    # OpenCV draws an edge about a pixel wide around the polygon: half of the perimeter of 90 pixels at most.
-    assert polygon_mask(corners, (50, 50)).sum() / 255 == pytest.approx(abs(ax * by - ay * bx) / 2, abs=45)
+    area = abs(ax * by - ay * bx) / 2
+    edge = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1).sum()
+    # OpenCV draws an edge about a pixel wide on top of the polygon.
+    assert area < polygon_mask(corners, (50, 50)).sum() / 255 < area + edge
 
 
 def test_cable_crosses_the_border():

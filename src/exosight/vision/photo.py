@@ -153,11 +153,11 @@ def _scene(rng: Rng, bodies: list[Piece], camera: Camera) -> UInt8[np.ndarray, "
 def _behind(
     rng: Rng, surface: Plane, cover: Mask, lamp: Float[np.ndarray, "3"], metres_per_pixel: float
 ) -> tuple[Plane, _Light]:
-    """A surface in the shadows of what is before it, some distance away, and the light that it is drawn in."""
+    """A surface in the shadows of what is before it, some distance away, and the light of the scene."""
     gap = np.exp(rng.uniform(*np.log(GAP))) / metres_per_pixel
     softness = gap * rng.uniform(0.05, 0.5)
     key, ambient = rng.uniform(0.2, 1.0), rng.uniform(0.15, 0.6)
-    dark = np.float32(rng.uniform(0, 0.6) / 255) * moved(cover, 0, 0, rng.uniform(1.0, 6.0))
+    dark = np.float32(rng.uniform(0, 0.6) / 255) * moved(cover, 0.0, 0.0, rng.uniform(1.0, 6.0))
     light = _Light(lamp, key, ambient, np.float32(rng.uniform(0.3, 1.0)))
     right, down = light.shift
     shadow = light.strength / 255 * moved(cover, right * gap, down * gap, softness)
@@ -183,7 +183,7 @@ def _bodies(rng: Rng, drawn: "_Drawn", cover: Mask, held: list[int], light: _Lig
         cast = moved(mask, right * reach, down * reach, rng.uniform(0.4, 2.5))
         lit -= light.strength / 255 * cast * others
         near = np.float32(rng.uniform(0, 0.7) / 255)
-        open_to_sky -= near * moved(mask, 0, 0, rng.uniform(0.8, 3.0)) * others
+        open_to_sky -= near * moved(mask, 0.0, 0.0, rng.uniform(0.8, 3.0)) * others
     np.maximum(lit, 0, out=lit)
     np.maximum(open_to_sky, 0, out=open_to_sky)
     ones, part = [1.0] * drawn.count, np.maximum(cover.astype(np.float32), 1)
@@ -192,7 +192,8 @@ def _bodies(rng: Rng, drawn: "_Drawn", cover: Mask, held: list[int], light: _Lig
     shine = drawn.layer(ones, half / np.linalg.norm(half)) / part
     power, gloss = np.exp(rng.uniform(np.log(4), np.log(60))), max(rng.uniform(-0.4, 0.5), 0.0)
     diffuse = light.ambient * (0.4 + 0.6 * shine) * open_to_sky + light.key * lambert * lit
-    return albedo * diffuse + gloss * light.key * np.minimum(shine, 1) ** power * lit * part / 255
+    specular = gloss * light.key * np.minimum(shine, 1) ** power * lit * part / 255
+    return (albedo * diffuse + specular).astype(np.float32)
 
 
 def _in_front(rng: Rng, scene: Plane, before: list[tuple[Mask, np.ndarray]], lit: np.float32) -> None:
