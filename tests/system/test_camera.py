@@ -89,6 +89,7 @@ def in_view(count, seed=0):
 
 
 def test_pinhole_agrees_with_opencv():
+    assert PINHOLE.distance
     focal_length = PINHOLE.distance / PINHOLE.metres_per_pixel
     middle = np.array([[focal_length, 0, 160], [0, focal_length, 120], [0, 0, 1]])
     target = np.array([PINHOLE.centre[0], 0, PINHOLE.centre[1]])

@@ -27,6 +27,11 @@ NEAREST = 1e-3
 """Least depth of what a pinhole camera shows [m]: what is nearer is shown as if it were there."""
 
 
+def _unsaid(value: float | None) -> bool:
+    """Whether an entry of a pinhole is left out of files: those of orthographic cameras stay as they were."""
+    return not value
+
+
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
 class Camera:
     """Orthographic camera that looks along +y onto the x–z plane; with a distance, a pinhole with a lens.
@@ -46,15 +51,13 @@ class Camera:
     """Image height [pixels]."""
     roll: Annotated[float, Field(ge=-np.pi, le=np.pi)] = 0.0
     """By which the image is turned clockwise about its middle, as of a camera turned the other way [rad]."""
-    distance: Annotated[float, Field(ge=0.01, le=1000)] | None = Field(
-        None, exclude_if=lambda far: far is None
-    )
+    distance: Annotated[float | None, Field(ge=0.01, le=1000, exclude_if=_unsaid)] = None
     """From the pinhole to the centre [m]; None: orthographic."""
-    pan: Annotated[float, Field(ge=-1.5, le=1.5)] = Field(0.0, exclude_if=lambda angle: angle == 0.0)
+    pan: Annotated[float, Field(ge=-1.5, le=1.5, exclude_if=_unsaid)] = 0.0
     """By which the pinhole goes to the right around the centre, about the world's z [rad]."""
-    tilt: Annotated[float, Field(ge=-1.5, le=1.5)] = Field(0.0, exclude_if=lambda angle: angle == 0.0)
+    tilt: Annotated[float, Field(ge=-1.5, le=1.5, exclude_if=_unsaid)] = 0.0
     """By which it then rises above the centre [rad]."""
-    distortion: Annotated[float, Field(ge=-0.2, le=0.2)] = Field(0.0, exclude_if=lambda lens: lens == 0.0)
+    distortion: Annotated[float, Field(ge=-0.2, le=0.2, exclude_if=_unsaid)] = 0.0
     """Radial distortion at the image's corners, as a share of their distance; negative is a barrel."""
 
     def __post_init__(self) -> None:
