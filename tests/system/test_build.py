@@ -156,7 +156,9 @@ def test_a_camera_with_a_distance_is_a_pinhole(system: Make) -> None:
     camera = system((entry, f'{entry}\ndistance = "30 cm"\ntilt = "10 deg"\ndistortion = -0.05')).camera
     assert (camera.distance, camera.tilt) == pytest.approx((0.3, np.pi / 18))
     assert (camera.pan, camera.distortion) == (0, -0.05)
-    with pytest.raises(InputError, match=r"cameras.side: .*expected its distance, got none"):
+    with pytest.raises(
+        InputError, match=r"cameras.side: .*expected a pinhole camera with a distance, got none"
+    ):
         system((entry, f'{entry}\npan = "10 deg"'))
 
 

@@ -47,6 +47,8 @@ def read_options(command: Callable[..., None], options: Sequence[str]) -> Callab
         return None
     except pydantic.ValidationError as error:
         fault = error.errors()[0]
+        if fault["type"] == "value_error":  # of several options together, which it names
+            raise InputError(f"{fault['msg'].removeprefix('Value error, ')}; see {prog} --help") from None
         name = "-".join(str(part) for part in fault["loc"]).replace("_", "-")
         words = fault["msg"][0].lower() + fault["msg"][1:]
         raise InputError(f"--{name}: {words}, got {str(fault['input'])[:80]}; see {prog} --help") from None

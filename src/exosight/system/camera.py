@@ -62,7 +62,7 @@ class Camera:
 
     def __post_init__(self) -> None:
         if self.distance is None and (self.pan or self.tilt or self.distortion):
-            raise ValueError("pan, tilt and distortion are of a pinhole camera; give its distance as well")
+            raise ValueError("pan, tilt and distortion: expected a pinhole camera with a distance, got none")
 
     @property
     def rotation(self) -> Float[np.ndarray, "3 3"]:

@@ -339,9 +339,7 @@ class CameraTable:
 
     def __post_init__(self) -> None:
         if self.distance is None and (self.pan or self.tilt or self.distortion):
-            raise ValueError(
-                "pan, tilt and distortion are of a perspective camera: expected its distance, got none"
-            )
+            raise ValueError("pan, tilt and distortion: expected a pinhole camera with a distance, got none")
 
 
 @dataclass(frozen=True, config=CONFIG)

@@ -59,6 +59,11 @@ def read_measurements(
     commands = _commands(table, system.schema)[rows[places]]
     readings = {name: column[rows[places]] for name, column in _readings(table, system.schema).items()}
     camera, outlines = system.camera, []
+    if camera.distance is not None:
+        raise InputError(
+            "camera: expected an orthographic one, as positions and rolls of no other are identified, got one in "
+            "perspective; leave its distance out"
+        )
     for place in places:
         name = str(pictures.root / pictures.names[place])
         gray = pictures.picture(int(place))
