@@ -47,8 +47,6 @@ def read_options(command: Callable[..., None], options: Sequence[str]) -> Callab
         return None
     except pydantic.ValidationError as error:
         fault = error.errors()[0]
-        if fault["type"] == "value_error":  # of several options together, which it names
-            raise InputError(f"{fault['msg'].removeprefix('Value error, ')}; see {prog} --help") from None
         name = "-".join(str(part) for part in fault["loc"]).replace("_", "-")
         words = fault["msg"][0].lower() + fault["msg"][1:]
         raise InputError(f"--{name}: {words}, got {str(fault['input'])[:80]}; see {prog} --help") from None
@@ -122,6 +120,7 @@ _PLAINER = (
     ),
     (r"no type matching \{(.*?)\} could be instantiated from \[(.*)\]", r"expected \1, got \2"),
     (r"no type matching (\S+) could be instantiated from \[(.*)\]", r"expected \1, got \2"),
+    (r"^(\S+): 1 validation error for \w+ Value error, (.*?) \[type=.*", r"--\1: \2"),  # several together
     (
         r"^(\S+): \d+ validation errors? for \w+ (\S+) (.*?) \[type=.*?input_value=(.*?), input_type.*",
         r"--\1.\2: \3, got \4",
