@@ -61,8 +61,8 @@ def read_measurements(
     camera, outlines = system.camera, []
     if camera.distance is not None:
         raise InputError(
-            "camera: expected an orthographic one, as no other is identified, got one in perspective; leave its "
-            "distance out"
+            "camera: expected an orthographic one, as no other is identified, got one in perspective; leave "
+            "its distance out"
         )
     for place in places:
         name = str(pictures.root / pictures.names[place])
