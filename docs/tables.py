@@ -1,4 +1,4 @@
-"""Tables of docs/benchmarks.md and docs/matlab.md, from docs/results/bench.json and the shipped network."""
+"""Tables of benchmarks.md, matlab.md and photographs.md, from docs/results and the shipped network."""
 
 import json
 from collections import Counter
@@ -13,6 +13,7 @@ from exosight.control.estimator import DEFAULT_MODEL
 
 HERE = Path(__file__).parent
 BENCH = HERE / "results" / "bench.json"
+PHOTOGRAPHS = HERE / "results" / "photographs.json"
 
 TITLES = {
     "equilibria": "Equilibria of the exosuit on a finger",
@@ -74,12 +75,34 @@ def onnx_table(path: Path) -> str:
     return table_of((f"`{path.name}`", ""), list(rows.items()))
 
 
+def photograph_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
+    """Every network on every kind of picture."""
+    head = ("network", "pictures", "F_net r", "F_net RMSE [mN]", "zones r", "inside 90 % [%]", "flagged [%]")
+    rows = [
+        (
+            *(
+                f"`{network}`",
+                kind,
+                f"{of['r_net']:.3f}",
+                f"{1e3 * of['rmse_net']:.0f}",
+                f"{of['r_zones']:.3f}",
+            ),
+            *(f"{100 * of['held']:.0f}", f"{100 * of['flagged']:.0f}"),
+            *("–" if of[name] is None else f"{of[name]:.2f}" for name in ("auroc", "auroc_width")),
+        )
+        for network, kinds in found.items()
+        for kind, of in kinds.items()
+    ]
+    return table_of((*head, "AUROC: OOD score", "AUROC: interval"), rows)
+
+
 def tables() -> dict[Path, dict[str, str]]:
     """The tables of each page, by the name of their place."""
     found = json.loads(BENCH.read_text()) if BENCH.exists() else None
     return {
         HERE / "benchmarks.md": {"bench": bench_tables(found)},
         HERE / "matlab.md": {"onnx": onnx_table(DEFAULT_MODEL)},
+        HERE / "photographs.md": {"photographs": photograph_table(json.loads(PHOTOGRAPHS.read_text()))},
     }
 
 

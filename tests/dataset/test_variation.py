@@ -21,7 +21,7 @@ from exosight.dataset.designs import design_set, draw_designs, resolved
 from exosight.dataset.generation import generate
 from exosight.dataset.simulation import simulate_designs
 from exosight.dataset.variation import frame_numbers, variation_columns
-from exosight.errors import DataError
+from exosight.errors import DataError, InputError
 from exosight.exosuit.assembly import Exosuit, varied
 from exosight.exosuit.published import PublishedDesigns, published
 from exosight.exosuit.variation import PlantVariation, Variant
@@ -197,3 +197,19 @@ def test_exosuits_with_friction_differ_in_its_coefficient_by_default(
     assert low <= min(found) < low + 0.1 * (high - low)
     assert high - 0.1 * (high - low) < max(found) <= high
     assert resolved(GenerateConfig())[0].plant == PlantVariation()
+
+
+@pytest.mark.parametrize("more", [{"appearance": TRAINING}, {"lighting": LightingVariation(lamp=0.5)}])
+def test_photographs_vary_by_themselves(more: dict) -> None:
+    with pytest.raises(InputError, match=r"photo: .*leave out photo, or lighting and appearance"):
+        resolved(GenerateConfig(system="index", photo=True, **more))
+
+
+def test_photographs_change_pictures_alone() -> None:
+    config = replace(PLAIN, photo=True)
+    designs = design_set(config, None)
+    chosen = draw_designs(config, designs)[:2]
+    plain, _ = simulate_designs(PLAIN, designs, chosen)
+    found, _ = simulate_designs(config, designs, chosen)
+    np.testing.assert_array_equal(found.sensors, plain.sensors)
+    assert (found.images != plain.images).any(axis=(1, 2)).mean() > 0.5

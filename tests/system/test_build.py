@@ -151,6 +151,17 @@ def test_shares_of_zones_sum_to_one(middles: list[float], place: float) -> None:
     assert np.count_nonzero(shares) <= 2
 
 
+def test_a_camera_with_a_distance_is_a_pinhole(system: Make) -> None:
+    entry = 'pixel = "1 mm"'
+    camera = system((entry, f'{entry}\ndistance = "30 cm"\ntilt = "10 deg"\ndistortion = -0.05')).camera
+    assert (camera.distance, camera.tilt) == pytest.approx((0.3, np.pi / 18))
+    assert (camera.pan, camera.distortion) == (0, -0.05)
+    with pytest.raises(
+        InputError, match=r"cameras.side: .*expected a pinhole camera with a distance, got none"
+    ):
+        system((entry, f'{entry}\npan = "10 deg"'))
+
+
 def test_a_file_is_seen_in_depth_order_unless_it_says_otherwise(system: Make) -> None:
     assert [view.visibility for view in system().schema.cameras] == ["depth"]
     assert system(("format = 1", 'format = 1\nvisibility = "stacked"')).visibility == "stacked"

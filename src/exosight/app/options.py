@@ -120,6 +120,7 @@ _PLAINER = (
     ),
     (r"no type matching \{(.*?)\} could be instantiated from \[(.*)\]", r"expected \1, got \2"),
     (r"no type matching (\S+) could be instantiated from \[(.*)\]", r"expected \1, got \2"),
+    (r"^(\S+): 1 validation error for \w+ Value error, (.*?) \[type=.*", r"--\1: \2"),  # several together
     (
         r"^(\S+): \d+ validation errors? for \w+ (\S+) (.*?) \[type=.*?input_value=(.*?), input_type.*",
         r"--\1.\2: \3, got \4",

@@ -163,10 +163,14 @@ def _zone(zone: SphereZone | PlaceZone) -> str:
 def _cameras(cameras: Sequence[tuple[str, Camera]], visibility: Visibility) -> Table:
     columns = (
         *(Column("camera"), Column("width", "pixels"), Column("height", "pixels")),
-        *(Column("pixel", "mm"), Column("middle x", "mm"), Column("middle z", "mm"), Column("visibility")),
+        *(Column("pixel", "mm"), Column("middle x", "mm"), Column("middle z", "mm")),
+        *(Column("distance", "mm"), Column("visibility")),
     )
     rows = tuple(
-        (name, c.width, c.height, 1e3 * c.metres_per_pixel, 1e3 * c.centre[0], 1e3 * c.centre[1], visibility)
+        (
+            *(name, c.width, c.height, 1e3 * c.metres_per_pixel, 1e3 * c.centre[0], 1e3 * c.centre[1]),
+            *("orthographic" if c.distance is None else 1e3 * c.distance, visibility),
+        )
         for name, c in cameras
     )
     return Table("cameras", "Cameras", columns, rows)

@@ -26,23 +26,28 @@ SHIPPED_MODELS = {
 }
 """The networks that come with the package, by the system that they are for."""
 
+NAMED_MODELS = {"index-photo": _MODELS / "index-photo.onnx"}
+"""Further networks that come with the package, by the name that options call them by."""
+
 SHIPPED = "shipped"
 """What options call the network of the package for the system at hand."""
 
 
 def model_path(given: Path | None, system: str) -> Path:
-    """The file of a network: as given, or the package's own for a system where it is left out or "shipped".
+    """The file of a network: as given, one of NAMED_MODELS by its name, or the package's own for a system.
+
+    The last where it is left out or "shipped".
 
     A system that the package has no network for gets the published system's, which then does not fit it.
     """
     if given is not None and str(given) != SHIPPED:
-        return given
+        return NAMED_MODELS.get(str(given), given)
     return SHIPPED_MODELS.get(system, DEFAULT_MODEL)
 
 
 def model_name(path: Path) -> str:
     """What results call a network: its path, or of the package's own the name of its file."""
-    return path.name if path in SHIPPED_MODELS.values() else str(path)
+    return path.name if path.parent == _MODELS else str(path)
 
 
 _LARGEST = 1e20

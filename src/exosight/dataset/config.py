@@ -1,5 +1,6 @@
 """What a user chooses about a dataset; usable without JAX."""
 
+import operator
 from typing import Annotated
 
 from pydantic import Field
@@ -46,3 +47,6 @@ class GenerateConfig:
     """how shades and light differ from frame to frame"""
     appearance: AppearanceVariation = AppearanceVariation()
     """how pictures differ from frame to frame"""
+    photo: Annotated[bool, Field(exclude_if=operator.not_)] = False
+    """pictures as photographs of such a device: perspective, hand, mounts, desks, light, lens, all at random;
+    instead of lighting and appearance"""

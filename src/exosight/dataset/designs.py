@@ -28,6 +28,11 @@ def resolved(config: GenerateConfig) -> tuple[GenerateConfig, Values | None]:
     Raises InputError for a system that is not known, options that are not the system's, or a file that
     describes no system; DataError for a file that cannot be read.
     """
+    if config.photo and (config.lighting, config.appearance) != (_NOMINAL.lighting, _NOMINAL.appearance):
+        raise InputError(
+            "photo: such pictures vary in light and appearance already, got one of these as well; leave out "
+            "photo, or lighting and appearance"
+        )
     found = find_system(config.system)
     description = found.values if isinstance(found, FileDesigns) else None
     name = config.system if description is None else Path(config.system).name

@@ -13,7 +13,7 @@ from exosight.arrays import AnyArray
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Frames, concatenate
 from exosight.dataset.load_paths import LoadPath, load_path
-from exosight.dataset.variation import appearance_of, lighting_of
+from exosight.dataset.variation import PHOTO, appearance_of, lighting_of
 from exosight.mechanics import Equilibria, Rod, drive
 from exosight.mechanics.batched_continuation import Kept
 from exosight.system.design import Design
@@ -22,7 +22,8 @@ from exosight.system.observation import Observation, observe
 from exosight.system.system import System, stack_systems
 from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.augment import augment
-from exosight.vision.scene import cover, picture
+from exosight.vision.photo import photo
+from exosight.vision.scene import cover, picture, tubes
 
 _TOGETHER = 16
 """Systems observed in one call."""
@@ -87,6 +88,8 @@ def render_design(
     """
     numbers = design.number * config.frames + places.astype(np.int64)
     images = picture(system, seen.axes, lighting_of(config, numbers, system))
+    if config.photo:
+        return photo(tubes(system, seen.axes), system.camera, images, (config.seed, PHOTO), numbers)
     if config.appearance == AppearanceVariation():
         return images
     return augment(images, appearance_of(config, numbers), cover(system, seen.axes))

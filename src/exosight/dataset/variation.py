@@ -18,7 +18,7 @@ from exosight.vision.appearance import AppearanceVariation
 from exosight.vision.augment import Appearance, draw_appearance
 from exosight.vision.lighting import Lighting, LightingVariation, draw_lighting
 
-_LIGHTING, _APPEARANCE = 1, 2  # streams of the dataset's seed
+_LIGHTING, _APPEARANCE, PHOTO = 1, 2, 3  # streams of the dataset's seed
 
 
 def shades_of(config: GenerateConfig, system: System) -> dict[str, float]:

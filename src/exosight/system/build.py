@@ -46,7 +46,20 @@ def build(description: Description) -> System:
         actuators=build_actuators(description),
         sensors=build_sensors(description, named),
         cameras=tuple(
-            (name, Camera(table.centre, table.pixel, table.width, table.height, table.roll))
+            (
+                name,
+                Camera(
+                    centre=table.centre,
+                    metres_per_pixel=table.pixel,
+                    width=table.width,
+                    height=table.height,
+                    roll=table.roll,
+                    distance=table.distance,
+                    pan=table.pan,
+                    tilt=table.tilt,
+                    distortion=table.distortion,
+                ),
+            )
             for name, table in description.cameras.items()
         ),
         energies=weight,

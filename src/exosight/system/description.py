@@ -17,6 +17,7 @@ from exosight.system.schema import Component
 from exosight.system.units import (
     Acceleration,
     Angle,
+    Aside,
     ContactDamping,
     Density,
     Distance,
@@ -317,16 +318,28 @@ class SensorTable:
 
 @dataclass(frozen=True, config=CONFIG)
 class CameraTable:
-    """An orthographic camera that looks along y at the x–z plane."""
+    """A camera that looks along y at the x–z plane: orthographic, or with a distance in perspective."""
 
     centre: tuple[Distance, Distance]
     """x and z of what is in the middle of the image"""
     pixel: Length
-    """side of a pixel in the world"""
+    """side of a pixel in the world; in perspective, at the centre"""
     width: Annotated[int, Field(ge=16, le=LARGEST_SIDE)] = 128
     height: Annotated[int, Field(ge=16, le=LARGEST_SIDE)] = 128
     roll: Roll = 0.0
     """by which the image is turned clockwise about its middle"""
+    distance: Annotated[Length, Field(ge=0.01)] | None = None
+    """from the pinhole of a perspective camera to the centre; its focal length is distance/pixel [pixels]"""
+    pan: Aside = 0.0
+    """by which the pinhole goes to the right around the centre"""
+    tilt: Aside = 0.0
+    """by which it then rises above the centre"""
+    distortion: Annotated[float, Field(ge=-0.2, le=0.2)] = 0.0
+    """of its lens, at the image's corners, as a share of their distance; negative is a barrel"""
+
+    def __post_init__(self) -> None:
+        if self.distance is None and (self.pan or self.tilt or self.distortion):
+            raise ValueError("pan, tilt and distortion: expected a pinhole camera with a distance, got none")
 
 
 @dataclass(frozen=True, config=CONFIG)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from exosight.errors import InputError
-from exosight.system.camera import Camera, Visibility, project
+from exosight.system.camera import Camera, Visibility, project_spheres
 from exosight.vision.depth_order import draw_in_depth_order
 from exosight.vision.tube_loops import draw_over
 
@@ -124,10 +124,11 @@ def render(
             draw(images, tube, camera, light)
         return images
     light = _light(light, counts[0])
+    seen = [_pixels(tube, camera) for tube in tubes]
     draw_in_depth_order(
         images,
-        np.concatenate([_pixels(tube, camera) for tube in tubes], axis=1),
-        np.concatenate([tube.radii for tube in tubes], axis=1, dtype=np.float64) / camera.metres_per_pixel,
+        np.concatenate([nodes for nodes, _ in seen], axis=1),
+        np.concatenate([radii for _, radii in seen], axis=1),
         np.cumsum([0, *(tube.centres.shape[1] for tube in tubes)]),
         np.stack([_shades(tube) for tube in tubes], axis=1),
         light.lamp,
@@ -149,8 +150,8 @@ def draw(
             f"draw: expected a pose for each of {len(images)} pictures of {camera.width}×{camera.height} "
             f"pixels, got {len(tube.centres)} poses and pictures {images.shape[1:]}"
         )
-    radii = tube.radii.astype(np.float64) / camera.metres_per_pixel
-    draw_over(images, _pixels(tube, camera)[..., :2], radii, _shades(tube), light.lamp, light.ambient)
+    nodes, radii = _pixels(tube, camera)
+    draw_over(images, nodes[..., :2], radii, _shades(tube), light.lamp, light.ambient)
 
 
 def _light(light: Light | None, frames: int) -> Light:
@@ -162,10 +163,11 @@ def _light(light: Light | None, frames: int) -> Light:
     return light
 
 
-def _pixels(tube: Tube, camera: Camera) -> Float[np.ndarray, "frames nodes 3"]:
-    """Column, row and depth of its nodes [pixels]."""
-    centres = tube.centres.astype(np.float64)
-    return np.concatenate([project(camera, centres), centres[..., 1:2] / camera.metres_per_pixel], axis=-1)
+def _pixels(
+    tube: Tube, camera: Camera
+) -> tuple[Float[np.ndarray, "frames nodes 3"], Float[np.ndarray, "frames nodes"]]:
+    """Column, row and depth of its nodes, and their radii [pixels]."""
+    return project_spheres(camera, tube.centres.astype(np.float64), tube.radii.astype(np.float64))
 
 
 def _shades(tube: Tube) -> Float[np.ndarray, " frames"]:

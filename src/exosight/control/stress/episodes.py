@@ -1,6 +1,6 @@
 """One random episode: a target to follow and then to drop, and all that goes wrong meanwhile."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -79,11 +79,10 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
     springs, share = _joints(system)
     x, z, scale = rng.uniform(-1, 1, 3).tolist()
     if config.wrong_camera and number % 3 == 0:
-        camera = Camera(
+        camera = replace(
+            camera,
             centre=(camera.centre[0] + 0.002 * x, camera.centre[1] + 0.002 * z),
             metres_per_pixel=camera.metres_per_pixel * (1 + 0.03 * scale),
-            width=camera.width,
-            height=camera.height,
         )
     dropped, repeated = rng.uniform(*config.dropped), rng.uniform(*config.repeated)
     lost = rng.random(steps) < dropped
