@@ -89,12 +89,25 @@ def refinement(coarse: Driven, fine: Driven) -> dict:
     off = before & (coarse.net > LEAST)
     net = np.abs(fine.net - coarse.net)[off] / coarse.net[off]
     zones = np.abs(fine.zones - coarse.zones)[off].max(axis=-1) / coarse.net[off]
+    apart = (net >= 0.005) | (zones >= 0.015)
+    force, alone = (
+        coarse.net[off][apart],
+        coarse.zones[off][apart].max(axis=-1) > 0.8 * coarse.net[off][apart],
+    )
     return {
         "states before the first snap": int(off.sum()),
         "share with F_net within 0.5 %": round(float((net < 0.005).mean()), 4),
         "share with every zone within 1.5 % of F_net": round(float((zones < 0.015).mean()), 4),
         "F_net: median, 99 %, largest change": [float(np.quantile(net, p)) for p in (0.5, 0.99, 1)],
         "worst zone in F_net: median, 99 %, largest": [float(np.quantile(zones, p)) for p in (0.5, 0.99, 1)],
+        "beyond either": {
+            "states": int(apart.sum()),
+            "share with over 0.8 of F_net in one zone": round(float(alone.mean()), 4),
+            "F_net: median, 90 %, largest [N]": [float(np.quantile(force, p)) for p in (0.5, 0.9, 1)],
+            "change of F_net: median, 90 %, largest [mN]": [
+                1e3 * float(np.quantile(net[apart] * force, p)) for p in (0.5, 0.9, 1)
+            ],
+        },
     }
 
 

@@ -88,3 +88,30 @@ def test_what_the_page_concludes_of_rigid_bodies_is_what_was_timed(found: dict[s
             assert nearest < theirs["solref 2 ms"][0]
         else:
             assert theirs["solref 2 ms, impratio 100"][0] < nearest
+
+
+def test_what_the_page_concludes_of_rods_in_contact_is_what_was_measured(found: dict[str, Any]) -> None:
+    """PyElastica's friction needs speed, and its rods press on themselves several times as hard as K."""
+    rows = found["belt"]["rows"]
+
+    def of(problem: str, program: str) -> dict[str, float]:
+        own = [r for r in rows if (r["problem"], r["program"]) == (problem, program)]
+        return {r["setting"]: r["error"] for r in own}
+
+    ours, theirs = of("belt", "exosight"), of("belt", "PyElastica")
+    assert max(ours.values()) < min(theirs.values())
+    slow = next(error for setting, error in theirs.items() if "mm/s" in setting)
+    assert slow > 0.2
+    assert theirs["104 elements, 1e+06 N/m²"] < 0.6 * theirs["52 elements, 1e+06 N/m²"] < 0.1
+    assert max(of("strands", "exosight").values()) < 0.0025
+    assert min(of("strands", "PyElastica").values()) > 1.9
+
+
+def test_the_balance_of_energy_closes_with_the_square_of_the_step(found: dict[str, Any]) -> None:
+    """A quarter of the order's factor is left to how many points begin to touch and to slip where."""
+    coarse, *_, fine = found["balance"]["steps"]
+    square = (coarse["step [N]"] / fine["step [N]"]) ** 2
+    calm, snapping = "largest difference there, relative", "largest difference on paths with snaps, relative"
+    assert fine[calm] < min(1e-6, 4 * coarse[calm] / square)
+    assert fine[snapping] < 3e-5
+    assert min(line["least lost to friction in a step [mJ]"] for line in found["balance"]["steps"]) >= 0
