@@ -45,7 +45,9 @@ class Anchor(NamedTuple):
     reach: Float[AnyArray, ""]
     memories: Memories
 
-    def ahead(self, metric: Metric, dt: AnyArray) -> tuple[Array, Array]:
+    def ahead(
+        self, metric: Metric, dt: Float[AnyArray, ""]
+    ) -> tuple[Float[AnyArray, " dofs"], Float[AnyArray, " dofs"]]:
         """The pose to be expected at t + dt, and dq/dt there.
 
         They lie on the tangent where the cubic is further from it than half of the way.
