@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.equilibria import SYSTEMS
+from exosight.arrays import AnyArray
 from exosight.exosuit.assembly import MAX_FORCE
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.mechanics import Robot, SolverOptions, stack
@@ -35,7 +36,7 @@ BACK, ALONG_BACK = "trials at a load, taken back", "trials along a branch, taken
 DESCENTS = "descents"
 
 
-def told(before: ContinuationState, after: ContinuationState) -> dict[str, jax.Array]:
+def told(before: ContinuationState, after: ContinuationState) -> dict[str, AnyArray]:
     """What one evaluation was for, and what came of it."""
     return {
         "meant": before.load < len(LOADS),

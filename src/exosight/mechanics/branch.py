@@ -49,7 +49,9 @@ class Anchor(NamedTuple):
     energy: Float[AnyArray, ""]
     by_load: Float[AnyArray, " channels"]
 
-    def ahead(self, metric: Metric, dt: AnyArray) -> tuple[Array, Array]:
+    def ahead(
+        self, metric: Metric, dt: Float[AnyArray, ""]
+    ) -> tuple[Float[AnyArray, " dofs"], Float[AnyArray, " dofs"]]:
         """The pose to be expected at t + dt, and dq/dt there.
 
         They lie on the tangent where the cubic is further from it than half of the way.
