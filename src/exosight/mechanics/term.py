@@ -205,7 +205,7 @@ def square(x: Float[Array, "points n"]) -> Float[Array, "points n n"]:
 
 
 def where_each(
-    condition: Bool[Array, " points"], values: Float[AnyArray, "points ..."]
+    condition: Bool[AnyArray, " points"], values: Float[AnyArray, "points ..."]
 ) -> Float[Array, "points ..."]:
     """Values of the points that a condition holds for, else 0.
 

@@ -216,7 +216,7 @@ class TubeContact(Term):
             slid = -jnp.einsum("pi,pia->pa", along, aside) / at.distance[:, None] - turned
             follows = jnp.where(at.free, push / jnp.where(at.free, _second(at), 1.0), 0.0)
             columns = jnp.concatenate([normal[:, None], aside, slid[:, None]], axis=1)
-            factors = jnp.stack([weight + 0.0 * bend, -bend, -bend, -bend, follows], axis=1)
+            factors = jnp.stack([jnp.asarray(weight), -bend, -bend, -bend, follows], axis=1)
             block = _weighted_squares(columns, factors, touches)
             whole = spread(
                 spread(block, tuple(moving.tolist()), tree.dofs).T, tuple(moving.tolist()), tree.dofs
