@@ -1,12 +1,12 @@
 """Forces on pictures of rigs that differ from the model: a network alone, and refined by an identified model.
 
-    python -m benchmarks.refined [--rigs 6]
+    python -m benchmarks.refined [--rigs 3]
 
-writes docs/results/refined.json, which docs/identification.md shows (`python docs/figures_identification.py`). Two sets of rigs like `index`, of drawn
-tapered exosuits: as the model says, and with joints twice as stiff and moduli less by 30 %. Each is
-identified from twelve pictures from 0.25 to 3 N. Then it is pictured 22 times on the way from 0 to 3 N and
-back, at loads that are known to 1 %. Points of all outlines are moved by 0.3 pixels of Gaussian noise in both
-directions. The network is the shipped one.
+writes docs/results/refined.json, which `python docs/figures_identification.py` puts into its page. Two
+sets of rigs like `index`, of drawn tapered exosuits: as the model says, and with joints twice as stiff
+and moduli less by 30 %. Each is identified from twelve pictures from 0.25 to 3 N. Then it is pictured 22
+times on the way from 0 to 3 N and back, at loads that are known to 1 %. Points of all outlines are moved
+by 0.3 pixels of Gaussian noise in both directions. The network is the shipped one.
 """
 
 import argparse
@@ -120,7 +120,7 @@ def measure(number: int, name: str, network: OnnxEstimator) -> list[dict[str, An
 def main() -> None:
     """Measure and write, rig by rig."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--rigs", type=int, default=6)
+    parser.add_argument("--rigs", type=int, default=3)
     network = OnnxEstimator.load(model_path(None, NAME), alone=True)
     rows: list[dict[str, Any]] = []
     for number in range(parser.parse_args().rigs):

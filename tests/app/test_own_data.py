@@ -20,6 +20,8 @@ from exosight.dataset.export import export_dataset
 from exosight.lab.uploads import estimate
 
 SEQUENCES, EACH = 10, 16
+CROP = ("--crop", "4", "2", "32", "32")
+"""The part of the camera's 44×40 pixels that shows the blob."""
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +37,15 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for k in range(SEQUENCES * EACH):
             a, b, size = rng.uniform([0.25, 0.25, 0.5], [0.75, 0.75, 1.5])
             picture = 255 * np.exp(-((x - a) ** 2 + (y - b) ** 2) / (0.02 * size))
-            cv2.imwrite(str(folder / f"p_{k}.png"), picture.astype(np.uint8))
+            whole = np.pad(picture.astype(np.uint8), ((2, 6), (4, 8)), constant_values=60)
+            cv2.imwrite(str(folder / f"p_{k}.png"), whole)
             table.writerow([f"p_{k}.png", k // EACH, 100 + b, a - 0.5, 1000 * size])
     return folder
 
 
 @pytest.fixture(scope="module")
 def data(pictures: Path) -> Path:
-    main(["import", str(pictures), "--out", str(pictures.parent / "data"), "--system", "blob"])
+    main(["import", str(pictures), "--out", str(pictures.parent / "data"), "--system", "blob", *CROP])
     return pictures.parent / "data"
 
 
@@ -74,6 +77,25 @@ def test_a_network_reads_every_channel_on_sequences_that_it_has_not_seen(
     # 150 steps gave 0.997, 0.998 and 0.958; other processors round otherwise.
     assert min(row["r exosight"] for row in found["sensors"][:3]) > 0.9
     assert [row["estimator"] for row in found["baselines"]] == ["this network", "mean of training"]
+
+
+def test_the_imported_part_is_remembered(
+    data: Path, pictures: Path, model: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert "the part 4 2 32 32" in (data / "README.md").read_text()
+    whole = cv2.imread(str(pictures / "p_0.png"), cv2.IMREAD_GRAYSCALE)
+    assert whole is not None
+    cv2.imwrite(str(tmp_path / "part.png"), whole[2:34, 4:36])
+    cv2.imwrite(str(tmp_path / "other.png"), whole[:36])  # of another camera
+    given = ["--model", str(model), "--json", "-"]
+    found = []
+    for words in ([pictures / "p_0.png"], [tmp_path / "part.png"], [pictures / "p_0.png", *CROP[:-1]]):
+        main(["estimate", *map(str, words), *given])
+        found.append(json.loads(capsys.readouterr().out)["estimates"][0]["sensors"])
+    assert found[0] == found[1] == found[2]
+    with pytest.raises(SystemExit):
+        main(["estimate", str(tmp_path / "other.png"), *given])
+    assert "expected a square picture, got 44×36" in capsys.readouterr().err
 
 
 def test_pictures_are_estimated_with_intervals_of_either_sign(
@@ -167,7 +189,8 @@ def adapted(data: Path, model: Path, tmp_path_factory: pytest.TempPathFactory) -
         assert picture is not None
         cv2.imwrite(str(folder / path.name), np.ascontiguousarray(picture[:, ::-1]))
     (folder / "readings.csv").write_text((source / "readings.csv").read_text())
-    main(["import", str(folder), "--out", str(folder.parent / "data"), "--system", "mirror"])
+    out = folder.parent / "data"
+    main(["import", str(folder), "--out", str(out), "--system", "mirror", "--crop", "8", "2", "32", "32"])
     words = [
         "--model",
         str(model),

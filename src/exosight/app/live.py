@@ -197,7 +197,8 @@ def opened(
         yield None
         return
     height, width = network.card.schema.image_size
-    with closing(open_source(source, width, height, crop, lambda fault: say(f"not read: {fault}"))) as frames:
+    part = crop or network.crop
+    with closing(open_source(source, width, height, part, lambda fault: say(f"not read: {fault}"))) as frames:
         yield frames, source.isdecimal()
 
 

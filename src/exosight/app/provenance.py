@@ -26,10 +26,10 @@ def identity(
     if start:
         hashes += [*_listed(start, "sha256"), *_listed(start, "extra_data")]
         seeds += [*_listed(start, "seed"), *_listed(start, "extra_data_seeds")]
-    camera = whole.pop("camera")
+    views = {name: json.dumps(whole.pop(name)) for name in ("camera", "crop") if name in whole}
     return {
         **whole,
-        "camera": json.dumps(camera),
+        **views,
         "protocol": split.protocol,
         "split_seed": split.seed,
         "held_out": split.held_out or "",

@@ -1,5 +1,6 @@
 """Sensors estimated from images: the interface that control uses, and the trained network behind it."""
 
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from exosight.learning.intervals import interval
 from exosight.learning.model_file import OUTPUTS, ModelCard, images_at_once, open_model
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.outputs import nonnegative
+from exosight.vision.pictures import CameraCrop
 
 _MODELS = Path(__file__).parents[1] / "models"
 
@@ -49,6 +51,9 @@ def model_name(path: Path) -> str:
     """What results call a network: its path, or of the package's own the name of its file."""
     return path.name if path.parent == _MODELS else str(path)
 
+
+CROP = "crop"
+"""Entry of a card's data: size of the pictures that were imported, and the part that was taken."""
 
 _LARGEST = 1e20
 """Of what a network answers: no interval or share of a limit made from it overflows."""
@@ -138,6 +143,21 @@ class OnnxEstimator:
                 "use exosight evaluate or control, or choose another network"
             )
         return OnnxEstimator(session, card)
+
+    @property
+    def crop(self) -> CameraCrop | None:
+        """The part that was taken of the pictures that it learned from, for pictures of that camera.
+
+        Raises DataError if its file says something else.
+        """
+        if CROP not in self.card.data:
+            return None
+        try:
+            taken = json.loads(str(self.card.data[CROP]))
+            columns, rows, left, top, width, _ = (*map(int, taken["picture"]), *map(int, taken["part"]))
+        except (KeyError, TypeError, ValueError) as error:
+            raise DataError("model: its file names no part of a picture; train it again") from error
+        return CameraCrop((rows, columns), (left, top, width))
 
     def estimate(
         self, images: np.ndarray, inputs: ModelInputs = IMAGE_ONLY

@@ -19,7 +19,16 @@ from jaxtyping import Float, UInt8
 
 from exosight.errors import DataError, InputError
 from exosight.vision.capture import open_camera, open_video, unreadable
-from exosight.vision.pictures import ENDINGS, Crop, cropped, middle_of, natural_order, read_gray
+from exosight.vision.pictures import (
+    ENDINGS,
+    CameraCrop,
+    Crop,
+    crop_of,
+    cropped,
+    middle_of,
+    natural_order,
+    read_gray,
+)
 
 GIVEN_UP = 5.0
 """Time without a frame after which a camera is given up [s]; the guard has released long before."""
@@ -53,7 +62,7 @@ def open_source(
     name: str,
     width: int,
     height: int,
-    crop: Crop | None = None,
+    crop: Crop | CameraCrop | None = None,
     unread: Callable[[str], None] = lambda fault: None,
 ) -> FrameStream:
     """The frames of a camera ("0", "1", …), a folder of pictures, or a video file.
@@ -84,7 +93,7 @@ def pictures(
     folder: Path,
     width: int,
     height: int,
-    crop: Crop | None = None,
+    crop: Crop | CameraCrop | None = None,
     unread: Callable[[str], None] = lambda fault: None,
 ) -> FrameStream:
     """The pictures of a folder in the order of their names (img_9 before img_10), one each time.
@@ -110,7 +119,7 @@ def pictures(
     return frames()
 
 
-def video(path: Path, width: int, height: int, crop: Crop | None = None) -> FrameStream:
+def video(path: Path, width: int, height: int, crop: Crop | CameraCrop | None = None) -> FrameStream:
     """The frames of a video file, one each time, none left out.
 
     Raises DataError if it cannot be read, or if its pictures are too large.
@@ -133,7 +142,7 @@ def _frames(capture: Any, picture: np.ndarray | None, fit: Fit) -> FrameStream:
         capture.release()
 
 
-def camera(number: int, width: int, height: int, crop: Crop | None = None) -> FrameStream:
+def camera(number: int, width: int, height: int, crop: Crop | CameraCrop | None = None) -> FrameStream:
     """The newest frame of a camera, the same again if there is no newer one.
 
     A thread of its own empties the camera's buffer, so that no frame waits in it; the time of a frame is that
@@ -188,7 +197,9 @@ def _grabbing(capture: Any) -> Iterator[list[tuple[np.ndarray, float]]]:
             capture.release()
 
 
-def fitted(picture: np.ndarray, width: int, height: int, crop: Crop | None, name: str) -> np.ndarray:
+def fitted(
+    picture: np.ndarray, width: int, height: int, crop: Crop | CameraCrop | None, name: str
+) -> np.ndarray:
     """A camera's picture, cropped, gray and in the size that the network takes.
 
     picture  (rows, columns) gray or (rows, columns, 3) blue, green, red, 0…255
@@ -199,5 +210,5 @@ def fitted(picture: np.ndarray, width: int, height: int, crop: Crop | None, name
     Raises InputError if the crop leaves the picture.
     """
     gray = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) if picture.ndim == 3 else picture
-    rows, columns = gray.shape
-    return cropped(gray, width, height, crop or middle_of((rows, columns), width, height), name)
+    part = crop_of(crop, gray.shape) or middle_of(gray.shape, width, height)
+    return cropped(gray, width, height, part, name)

@@ -145,6 +145,7 @@ def dataset_identity(manifest: Manifest) -> dict[str, Any]:
         "frames": manifest.frames,
         "designs": len(manifest.designs),
         "camera": values["camera"],
+        **({"crop": values["config"]["taken"]} if "taken" in values["config"] else {}),
     }
 
 

@@ -19,7 +19,8 @@ def as_png(data: bytes) -> bytes:
 def estimate(data: bytes, network: OnnxEstimator) -> dict[str, Any]:
     """What a network reads off an uploaded picture, and the picture as the network sees it."""
     schema = network.card.schema
-    image = decode_gray(data, "picture", schema.cameras[0].width, schema.cameras[0].height)
+    height, width = schema.image_size
+    image = decode_gray(data, "picture", width, height, network.crop)
     reading = network.read(image[None])
     return {
         "image": png_text(image),

@@ -175,6 +175,7 @@ def _fitted(
     entries: dict[str, Any] = TypeAdapter(ImportConfig).dump_python(config, mode="json")
     entries |= {"source": source.name, "table": Path(readings.source).name}
     entries |= {"times": None if times is None else times.name}
+    entries |= fit.remembered
     sensors = ", ".join(f"{sensor.name} [{sensor.unit}]" for sensor in found.schema.sensors)
     channels = ", ".join(f"{channel.name} [{channel.unit}]" for channel in found.schema.channels)
     notes = [

@@ -82,6 +82,13 @@ class Fit:
         return part if (width, height) == self.size else resized(part, *self.size)
 
     @property
+    def remembered(self) -> dict[str, dict[str, list[int]]]:
+        """What networks remember of it, if a part is taken: size of the pictures, and the part [pixels]."""
+        if self.region == (0, 0, *self.source):
+            return {}
+        return {"taken": {"picture": list(self.source), "part": list(self.region)}}
+
+    @property
     def words(self) -> str:
         """In a sentence for users."""
         whole = self.region == (0, 0, *self.source)

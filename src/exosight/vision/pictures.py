@@ -36,6 +36,26 @@ from the network's aspect ratio."""
 
 
 @dataclass(frozen=True)
+class CameraCrop:
+    """A crop of the pictures of one camera, which others are not cut by.
+
+    shape   rows and columns of its pictures [pixels]
+    """
+
+    shape: tuple[int, int]
+    crop: Crop
+
+    def of(self, shape: tuple[int, ...]) -> Crop | None:
+        """The crop of a picture of (rows, columns); None: it is of another camera."""
+        return self.crop if shape == self.shape else None
+
+
+def crop_of(crop: Crop | CameraCrop | None, shape: tuple[int, ...]) -> Crop | None:
+    """The crop of a picture of (rows, columns); None: all of it, or what is usual for its source."""
+    return crop.of(shape) if isinstance(crop, CameraCrop) else crop
+
+
+@dataclass(frozen=True)
 class Decoded:
     """A picture as its file has it.
 
@@ -50,7 +70,7 @@ class Decoded:
 
 
 def read_gray(
-    path: Path, width: int, height: int, crop: Crop | None = None
+    path: Path, width: int, height: int, crop: Crop | CameraCrop | None = None
 ) -> UInt8[np.ndarray, "height width"]:
     """A picture file (PNG, JPEG, TIFF, …) as gray values 0…255; see `decode_gray`.
 
@@ -60,7 +80,7 @@ def read_gray(
 
 
 def decode_gray(
-    data: bytes, name: str, width: int, height: int, crop: Crop | None = None
+    data: bytes, name: str, width: int, height: int, crop: Crop | CameraCrop | None = None
 ) -> UInt8[np.ndarray, "height width"]:
     """The content of a picture file as gray values 0…255, shrunk or enlarged to the size wanted.
 
@@ -76,8 +96,9 @@ def decode_gray(
     """
     picture = decode(data, name).gray
     rows, columns = picture.shape
-    if crop is not None:
-        return cropped(picture, width, height, crop, name)
+    part = crop_of(crop, picture.shape)
+    if part is not None:
+        return cropped(picture, width, height, part, name)
     if not same_aspect((rows, columns), width, height):
         expected = "a square picture" if width == height else f"the aspect ratio {width}:{height}"
         middle = "--crop {} {} {}".format(*middle_of((rows, columns), width, height))

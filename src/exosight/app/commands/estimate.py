@@ -54,7 +54,8 @@ def estimate(
         model: exported network, from `exosight train`; the package's own for the system if left out
         level: share of true values that the intervals are to hold: 0.5, 0.8, 0.9, 0.95 or 0.99
         crop: part of each picture that the network gets [pixels]; its height follows from the network's
-            aspect ratio; default: all of it
+            aspect ratio; default: of the camera that it learned from the part that was imported, of others
+            all of it
         loads: table (CSV) with the load of each picture, as exosight identify takes it
         masks: folder with a mask of each picture, of its name, as exosight identify takes them; default:
             outlines are found in the pictures
@@ -86,7 +87,7 @@ def estimate(
     found, failures, readings = [], [], []
     for path in images:
         try:
-            picture = read_gray(path, width, height, crop)
+            picture = read_gray(path, width, height, crop or estimator.crop)
         except ExosightError as error:
             failures.append({"image": str(path), "reason": str(error)})
             if len(images) > 1:

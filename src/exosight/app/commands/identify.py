@@ -108,7 +108,10 @@ def _file_values(system: str, gain: str | None) -> "Values":
     if gain is not None:
         raise InputError("--gain: a system file states its gain; change it there")
     if not system.endswith(".toml"):
-        raise InputError(f"system: expected {INDEX} or a system file *.toml, got {system!r}")
+        raise InputError(
+            f"system: expected {INDEX} or a system file *.toml, got {system!r}; systems with friction "
+            "or contacts of spheres, as published has, are not identified"
+        )
     from exosight.system.file import read_system_file
 
     return read_system_file(Path(system))

@@ -37,8 +37,8 @@ class DeviceOptions:
     source: Annotated[str | None, tyro.conf.arg(metavar="CAMERA|PATH", help_behavior_hint="")] = None
     """number of a camera, a folder of pictures or a video file"""
     crop: Pixels = None
-    """part of each picture that the network gets [pixels]; default: the largest in the middle of a camera's
-    or video's, all of a picture file"""
+    """part of each picture that the network gets [pixels]; default: of the camera that it learned from the
+    part that was imported; else the largest in the middle of a camera's or video's, all of a picture file"""
     send: Annotated[str | None, tyro.conf.arg(metavar="PLACE|-", help_behavior_hint="")] = None
     """write the command there, one line a step, "17 u 2.3750 N": a serial device (/dev/ttyUSB0, or @ and its
     speed behind), udp://HOST:PORT, a named pipe, a new file, or "-" for stdout"""

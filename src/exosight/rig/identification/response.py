@@ -23,6 +23,7 @@ from exosight.rig.identification.parameters import Parameter, values_at
 from exosight.system.build import build
 from exosight.system.file import Values, describe
 from exosight.system.observation import observe_state
+from exosight.system.surfaces import SphereSurface
 from exosight.system.system import System
 
 LANES = 8
@@ -44,7 +45,7 @@ class Model:
     values       entries of its system file
     parameters   which of them are unknown
 
-    Raises InputError for a system with friction.
+    Raises InputError for a system with friction or spheres.
     """
 
     def __init__(self, values: Values, parameters: Sequence[Parameter]) -> None:
@@ -55,6 +56,12 @@ class Model:
             raise InputError(
                 f"{self.nominal.name}: its contacts have friction, so that poses depend on what was before; "
                 "identify it without friction"
+            )
+        spheres = [each.name for each in self.nominal.surfaces if isinstance(each, SphereSurface)]
+        if spheres:
+            raise InputError(
+                f"{self.nominal.name}: expected contacts of tubes, as loose spheres are not what a device "
+                f"touches with, got the spheres {spheres[0]}; describe them as tubes, see the preset index"
             )
         # Most numbers are linear in most entries; what is shows at two places, and is not derived again.
         columns = [(self._slope(zero, i), self._slope(zero + 0.5, i)) for i in range(len(zero))]
