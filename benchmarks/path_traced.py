@@ -48,7 +48,10 @@ def picture(
     sampler = {"type": "independent", "sample_count": SAMPLES, "seed": int(rng.integers(2**31))}
     scene["sensor"]["sampler"] = sampler
     linear = np.array(mitsuba.render(mitsuba.load_dict(scene), seed=int(rng.integers(2**31))))
-    return _exposed(rng, kind, linear[..., :3] @ np.array([0.299, 0.587, 0.114]))
+    gray = np.nan_to_num(linear[..., :3]) @ np.array([0.299, 0.587, 0.114])
+    if np.mean(gray == 0) > 0.1:  # the dark side of the lamp is in the picture
+        return picture(rng, kind, bodies, folder)
+    return _exposed(rng, kind, gray)
 
 
 def _camera(rng: Rng) -> dict:
@@ -288,7 +291,8 @@ def _clutter(rng: Rng) -> dict:
         bsdf = {"type": "twosided", "bsdf": surface}
         kind = ("cube", "sphere", "cylinder")[rng.integers(3)]
         if kind == "cube":
-            turn = Transform().rotate(rng.standard_normal(3).tolist(), rng.uniform(0, 180))
+            axis = rng.standard_normal(3)
+            turn = Transform().rotate((axis / np.linalg.norm(axis)).tolist(), rng.uniform(0, 180))
             half = size.tolist()
             shape: dict = {"to_world": Transform().translate(place) @ turn @ Transform().scale(half)}
         elif kind == "sphere":
