@@ -165,7 +165,7 @@ class Observer:
     def _scatter(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
         """Variance of the controlled sensor by what is measured where nothing can press."""
         w = (u - self._x[1]) / math.exp(self._x[0])
-        near = np.abs(self._u - w) <= 0.25 * self._peak
+        near = np.abs(self._u - w) <= 0.12 * self._peak
         free = (self._outputs[near] <= 0).all(axis=0) & (self._config.weights != 0)
         if not near.any() or not free.any():
             return 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from exosight.control.guard import State
 from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig
-from exosight.control.responses import measure_response
+from exosight.control.responses import TOLERANCE, measure_response
 from exosight.control.scheduled import RELEASED
 from exosight.control.stress.episodes import Episode
 from exosight.control.stress.suite import Traces
@@ -123,6 +123,32 @@ def summary(measured: Sequence[Measured], traces: Traces) -> dict[str, Any]:
             "release_seconds": _percentiles([m.release_seconds for m in measured]),
         },
     }
+
+
+def attained(measured: Sequence[Measured], bound: Sequence[Measured]) -> dict[str, Any]:
+    """Of the constant targets at which the bound settles: how many there are, how many a controller settles
+    at, and what became of the others, in the order of `_CAUSES`.
+
+    bound   the same episodes of the oracle
+    """
+    kept = [m for m, best in zip(measured, bound, strict=True) if not math.isnan(best.settling_steps)]
+    missed = Counter(_cause(m) for m in kept if math.isnan(m.settling_steps))
+    return {
+        "attainable": len(kept),
+        "attained": sum(not math.isnan(m.settling_steps) for m in kept),
+        "attainable_steady_state_percent": _quantiles([m.steady_state_percent for m in kept]),
+        "not_attained": {cause: missed[cause] for cause in _CAUSES if missed[cause]},
+    }
+
+
+_CAUSES = ("given up", "steady-state error above 5 %", "within 5 % in the mean, not in every step")
+
+
+def _cause(measured: Measured) -> str:
+    """Why an episode has not settled."""
+    if measured.given_up:
+        return _CAUSES[0]
+    return _CAUSES[1] if measured.steady_state_percent > 100 * TOLERANCE else _CAUSES[2]
 
 
 def _quantiles(values: Sequence[float]) -> dict[str, float] | None:
