@@ -26,7 +26,7 @@ _KNOT = 5  # steps from one level of u to the next
 _CALM = StressConfig(bursts=0)
 
 
-def commands(rng: np.random.Generator, steps: int, limits: ControllerConfig) -> np.ndarray:
+def wandering(rng: np.random.Generator, steps: int, limits: ControllerConfig) -> np.ndarray:
     """u from one random level to the next, within the rate, from rest."""
     knots = np.arange(0, steps + _KNOT, _KNOT)
     levels = rng.uniform(-0.3, limits.u_max, len(knots))
@@ -52,7 +52,7 @@ def frames(episodes: list[Episode], limits: ControllerConfig, seed: int) -> dict
     plant = BatchPlant([episode.system for episode in episodes])
     steps = len(episodes[0].target)
     rngs = [np.random.default_rng([seed, number]) for number in range(len(episodes))]
-    u = np.stack([commands(rng, steps, limits) for rng in rngs])
+    u = np.stack([wandering(rng, steps, limits) for rng in rngs])
     cameras = [
         displaced(episode.camera, rng) if rng.random() < 0.6 else episode.camera
         for episode, rng in zip(episodes, rngs, strict=True)
@@ -93,8 +93,12 @@ def main() -> None:
         parts.append({**part, "episode": part["episode"] + start})
         print(start + len(episodes), sum(len(p["images"]) for p in parts), flush=True)
     asked.folder.mkdir(parents=True, exist_ok=True)
+    images, readings, commands, episode = (
+        np.concatenate([part[name] for part in parts])
+        for name in ("images", "readings", "commands", "episode")
+    )
     np.savez_compressed(
-        asked.folder / "frames.npz", **{name: np.concatenate([p[name] for p in parts]) for name in parts[0]}
+        asked.folder / "frames.npz", images=images, readings=readings, commands=commands, episode=episode
     )
 
 

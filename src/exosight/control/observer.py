@@ -23,6 +23,8 @@ from pydantic.dataclasses import dataclass as configuration
 from exosight.control.paths import ControllerConfig
 from exosight.control.scheduled import RELEASED
 
+_ITERATIONS = 3
+_FARTHEST = 0.7  # of log s: half or twice as stiff
 Share = Annotated[float, Field(gt=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -78,6 +80,8 @@ class Observer:
         self._outputs = path.outputs
         self._least = 1 / config.largest_gain  # of the slope, also where nothing presses yet
         self._largest = float(self._force.max())
+        most = np.array([_FARTHEST, self._peak, self._peak])
+        self._range = -most, most
         self.reset()
 
     def reset(self) -> None:
@@ -152,14 +156,15 @@ class Observer:
             self._p += np.diag(np.square([0.0, given.shift * self._peak, given.speed * self._peak]))
         self._outliers.clear()
         x = self._x
-        for _ in range(3):  # iterated, as the path bends
+        for _ in range(_ITERATIONS):  # as the path bends
             force, gradient = self._model(x, u, touching=True)
             gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
             x = self._x + gain * (measured - force - gradient @ (self._x - x))
-            x[0] = np.clip(x[0], -0.7, 0.7)
-        self._x = x
+            x = np.clip(x, *self._range)
+        _, gradient = self._model(x, u, touching=True)
+        gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
         keep = np.eye(3) - np.outer(gain, gradient)
-        self._p = keep @ self._p @ keep.T + noise * np.outer(gain, gain)
+        self._x, self._p = x, keep @ self._p @ keep.T + noise * np.outer(gain, gain)
         return True
 
     def _scatter(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
