@@ -72,7 +72,7 @@ def test_late_frames_of_a_user_who_moves_evenly_are_extrapolated():
     still, ahead = np.mean(errors[20:], axis=0)
     # It takes any speed to decay within 0.7 s, both in what it learns and in what it predicts.
     assert ahead < 0.5 * still
-    assert observer.state[2] == pytest.approx(speed, rel=0.3)
+    assert 0.5 * speed < observer.state[2] < 1.2 * speed
 
 
 def test_the_spread_of_errors_is_the_one_that_it_states():

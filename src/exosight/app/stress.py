@@ -121,9 +121,11 @@ def write_stress(outcomes: Mapping[str, Outcome], found: Mapping[str, Any], fold
 
 def stress_table(found: Mapping[str, Any]) -> Table:
     """What was measured, a row a controller; `found` as `results` gives it."""
+    bounded = any("attained" in each for each in found["controllers"].values())
     columns = (
         Column("controller"),
         Column("targets settled"),
+        *([Column("attainable targets settled")] if bounded else []),
         Column("settling steps, median", digits=0),
         Column("overshoot, 90th percentile", "%", digits=0),
         Column("steady-state error, median", "%", digits=1),
@@ -138,6 +140,7 @@ def stress_table(found: Mapping[str, Any]) -> Table:
         (
             name,
             f"{each['settled']} of {each['constant_targets']}",
+            *([f"{each['attained']} of {each['attainable']}"] if bounded else []),
             _of(each["settling_steps"], "median"),
             _of(each["overshoot_percent"], "p90"),
             _of(each["steady_state_percent"], "median"),

@@ -26,15 +26,26 @@ SHIPPED_MODELS = {
 }
 """The networks that come with the package, by the system that they are for."""
 
+CONTROL_MODELS = {
+    "index": _MODELS / "index-control.onnx",
+    "index-friction": _MODELS / "index-control.onnx",
+}
+"""The networks that come with the package for closed loops, by system: they take u beside the picture."""
+
 SHIPPED = "shipped"
 """What options call the network of the package for the system at hand."""
+SHIPPED_CONTROL = "shipped-control"
+"""What options call its network for closed loops."""
 
 
 def model_path(given: Path | None, system: str) -> Path:
-    """The file of a network: as given, or the package's own for a system where it is left out or "shipped".
+    """The file of a network: as given, or the package's own for a system where it is left out, "shipped" or
+    "shipped-control".
 
     A system that the package has no network for gets the published system's, which then does not fit it.
     """
+    if str(given) == SHIPPED_CONTROL:
+        return CONTROL_MODELS.get(system, DEFAULT_MODEL)
     if given is not None and str(given) != SHIPPED:
         return given
     return SHIPPED_MODELS.get(system, DEFAULT_MODEL)
@@ -42,7 +53,7 @@ def model_path(given: Path | None, system: str) -> Path:
 
 def model_name(path: Path) -> str:
     """What results call a network: its path, or of the package's own the name of its file."""
-    return path.name if path in SHIPPED_MODELS.values() else str(path)
+    return path.name if path.parent == _MODELS else str(path)
 
 
 _LARGEST = 1e20

@@ -34,7 +34,7 @@ def stress(
 
     Examples:
       exosight stress --episodes 100
-      exosight stress --system index --controllers oracle guarded adaptive --gains
+      exosight stress --system index --controllers oracle adaptive --gains --model shipped-control
       exosight stress --model results/light/model.onnx --out results/stress
       exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --no-wrong-plant
 
@@ -48,7 +48,8 @@ def stress(
             controllers above; default: 5, the paper's, for F_net of the presets, otherwise half of
             what the steepest part of the path asks for
         loop: what is driven; the `vary` tables of a system file are what may be wrong about it
-        model: exported network, from `exosight train`, or 'shipped', the package's own for the system;
+        model: exported network, from `exosight train`, 'shipped', the package's own for the system, or
+            'shipped-control', its own for closed loops;
             without it the sensor is the true reading
         out: folder for summary (JSON), every episode (CSV) and figure (SVG); it must not exist
         json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
