@@ -3,10 +3,10 @@
     python -m benchmarks.control_data FOLDER
     python -m benchmarks.control_network FOLDER
 
-writes `FOLDER/run/model.onnx`: it takes u beside the picture. The convolutions are those of the network that
-comes with the package for `index`; the two layers behind them learn anew, with u, from what the convolutions
-make of every picture (computed once, in a minute or two). Every tenth episode is kept for validation and
-calibration.
+writes `FOLDER/run/model.onnx`: it takes u beside the picture. It starts from the network that comes with the
+package for `index`. First the two layers behind the convolutions learn anew, with u, from what these make of
+every picture (computed once, in a minute or two); then all learn for some epochs. Every tenth episode is kept
+for validation and calibration.
 """
 
 import argparse
@@ -117,7 +117,8 @@ def main() -> None:
     """Train and export."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--epochs", type=int, default=80)
+    parser.add_argument("--head-epochs", type=int, default=80, help="of the last two layers")
+    parser.add_argument("--epochs", type=int, default=6, help="of all layers")
     asked = parser.parse_args()
     torch.set_num_threads(1)
     data, first = learned(asked.folder), load_pretrained(SHIPPED_MODELS["index"])
@@ -130,8 +131,7 @@ def main() -> None:
     cache = asked.folder / "features.pt"
     if not cache.exists():
         torch.save(features(network.eval(), data), cache)
-    learn(network, torch.load(cache), data, first, asked.epochs)
-    # The head goes into the file of a run, which one short epoch at no rate makes.
+    learn(network, torch.load(cache), data, first, asked.head_epochs)
     head = {
         name: tensor.detach()
         for name, tensor in network.state_dict().items()
@@ -142,8 +142,8 @@ def main() -> None:
     }
     begun = replace(first, card=replace(first.card, actuation=True), weights=kept_layers | head)
     run, kept = asked.folder / "run", data.validation_index
-    config = TrainConfig(epochs=1, learning_rate=1e-9, actuation=True, threads=1, device="cpu")
-    train(config, replace(data, train_index=rows), run, pretrained=begun)
+    config = TrainConfig(epochs=asked.epochs, actuation=True, threads=1, device="cpu")
+    train(config, data, run, pretrained=begun)
     export_onnx(
         run, run / "model.onnx", data.images[kept], data.labels[kept], ModelInputs(None, data.commands[kept])
     )
