@@ -3,7 +3,7 @@
     authority  u                                              while the last frame that was taken in is
     NORMAL     to where the observer has the target           at most 0.6 s old, and the force is known
     SLOW       loads at a quarter of that, on the prediction  at most 1.2 s old
-    HOLD       stays                                          at most 2.2 s old
+    HOLD       stays, or unloads to within the limits         at most 2.2 s old
     RELEASE    → 0 at the full rate, open loop                older, or an output is beyond its limit by a
                                                               quarter in two frames
 
@@ -81,7 +81,8 @@ class Adaptive:
         self.state, self.problem = State.NORMAL, None
         self.log = []
         self._steps = self._good = self._over = 0
-        self._behind = 0  # steps from the last frame that the observer took in to now
+        self._behind = 0  # steps from the observer's state to the coming command
+        self._unseen = 0  # the same from the last frame that it took in
 
     def step(self, target: float, measurement: object, missed: int = 0) -> float:
         """The command of the coming step [the channel's unit].
@@ -98,6 +99,7 @@ class Adaptive:
         self._steps += 1
         self._frames.sent(self._frames.u, missed)
         self._behind += 1 + missed
+        self._unseen += 1 + missed
         self.problem = self._frames.fault(found)
         if self.problem is None:
             self._observe(found)
@@ -111,9 +113,9 @@ class Adaptive:
         return u
 
     @property
-    def behind(self) -> float:
+    def unseen(self) -> float:
         """Time since the last frame that the observer took in was made [s]."""
-        return self._behind * self.config.period
+        return self._unseen * self.config.period
 
     def _observe(self, found: Measurement) -> None:
         """Let the observer take in a good frame."""
@@ -128,28 +130,28 @@ class Adaptive:
         self.observer.advance(self._behind - late)
         self._behind = late
         if self.observer.update(self._frames.command_of(found), outputs, width / _LEVEL):
-            self._good += 1
+            self._good, self._unseen = self._good + 1, late
         else:
             self._good = 0
             self.problem = Problem("an outlier", "look at the pictures of this moment")
 
     def _decide(self) -> None:
         """Authority, by what is known of the present."""
-        limits, behind = self.authority, self.behind
+        limits, unseen = self.authority, self.unseen
         known = self.observer.predict(self._frames.u, self._behind)
         if self._over >= _OVERLOADS:
             return self._go(State.RELEASE, "an output beyond its limit by a quarter")
-        if behind > limits.release_seconds + _ROUND_OFF:
-            return self._go(State.RELEASE, f"no frame for {behind:.1f} s")
+        if unseen > limits.release_seconds + _ROUND_OFF:
+            return self._go(State.RELEASE, f"no frame for {unseen:.1f} s")
         if self.state is State.RELEASE:
             if self._frames.u == 0 and self._good >= limits.frames_back:
                 self._go(State.SLOW, f"{self._good} frames in a row")
             return None
-        if behind > limits.hold_seconds + _ROUND_OFF:
-            return self._go(State.HOLD, f"no frame for {behind:.1f} s")
+        if unseen > limits.hold_seconds + _ROUND_OFF:
+            return self._go(State.HOLD, f"no frame for {unseen:.1f} s")
         unit = self.config.controlled.unit
-        if behind > limits.slow_seconds + _ROUND_OFF:
-            asked, cause = State.SLOW, f"no frame for {behind:.1f} s"
+        if unseen > limits.slow_seconds + _ROUND_OFF:
+            asked, cause = State.SLOW, f"no frame for {unseen:.1f} s"
         elif known.deviation > limits.slow_deviation * self._largest:
             asked, cause = State.SLOW, f"a force known to {known.deviation:.3f} {unit}"
         else:
@@ -170,11 +172,11 @@ class Adaptive:
             return 0.0
         if target < RELEASED:
             return self._release(u, found)
-        if self.state is State.HOLD:
-            return u
         config, ahead = self.config, self._behind
-        wanted = self.observer.command(config.reachable(target), ahead)
-        wanted = min(wanted, self.observer.largest(ahead))
+        largest = max(self.observer.largest(ahead), 0.0)
+        if self.state is State.HOLD:
+            return min(u, largest)
+        wanted = min(self.observer.command(config.reachable(target), ahead), largest)
         if self.problem is None:
             outputs = found.reading.forces[0].astype(float)
             excess = float((outputs - config.output_limits).max())

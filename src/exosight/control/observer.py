@@ -24,6 +24,7 @@ from exosight.control.paths import ControllerConfig
 from exosight.control.scheduled import RELEASED
 
 _ITERATIONS = 3
+_LONGEST = 200  # steps; what is older says nothing of the present
 _FARTHEST = 0.7  # of log s: half or twice as stiff
 Share = Annotated[float, Field(gt=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -125,7 +126,7 @@ class Observer:
         x, _ = self._ahead(ahead)
         s = math.exp(x[0])
         over = (s * self._outputs > self._config.output_limits).any(axis=1)
-        w = self._u[int(np.argmax(over)) - 1] if over.any() else math.inf
+        w = self._u[max(int(np.argmax(over)) - 1, 0)] if over.any() else math.inf
         return float(x[1] + s * w)
 
     def advance(self, steps: int) -> None:
@@ -184,7 +185,7 @@ class Observer:
         wander = given.wander * self._peak
         stir = np.diag([1e-6, wander**2, (given.speed * self._peak) ** 2 * (1 - keep**2)])
         x, p = self._x, self._p
-        for _ in range(steps):
+        for _ in range(min(steps, _LONGEST)):
             x, p = move @ x, move @ p @ move.T + stir
         return x, p
 
