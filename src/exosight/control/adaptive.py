@@ -16,11 +16,9 @@ u_max divided by the rate. A target of 0 needs no frame: u goes to 0.
 from typing import Annotated
 
 import numpy as np
-from jaxtyping import Float
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as configuration
 
-from exosight.control.estimator import Reading
 from exosight.control.frame_check import FrameCheck, GuardConfig, Measurement, Problem
 from exosight.control.guard import State, Transition
 from exosight.control.observer import Observer, ObserverConfig
@@ -128,10 +126,10 @@ class Adaptive:
         late = round(found.age / config.period) + 1  # the frame was made at the end of the step before
         if late > self._behind:
             return  # older than one that was taken in
+        width = float(((reading.high - reading.low)[0] * config.weights).sum())
         self.observer.advance(self._behind - late)
         self._behind = late
-        deviation = _width(reading, config.weights) / _LEVEL
-        if self.observer.update(self._frames.command_of(found), outputs, deviation):
+        if self.observer.update(self._frames.command_of(found), outputs, width / _LEVEL):
             self._good, self._unseen = self._good + 1, late
         else:
             self._good = 0
@@ -199,11 +197,6 @@ class Adaptive:
             if surely >= RELEASED:
                 return 0.0 if at > 0 else self.config.u_min
         return min(u + 0.1 * self.config.step, 0.0)
-
-
-def _width(reading: Reading, weights: Float[np.ndarray, " outputs"]) -> float:
-    """Width of the interval of the controlled sensor, if the outputs err on their own [its unit]."""
-    return float(np.sqrt((((reading.high - reading.low)[0] * weights) ** 2).sum()))
 
 
 _ORDER = (State.NORMAL, State.SLOW, State.HOLD, State.RELEASE)
