@@ -5,6 +5,9 @@ stress_true.json     exosight stress --gains
 stress_paper.json    exosight stress --gains 5 --episodes 100
 stress_latency.json  as stress.json, with --latency 0.1 0.1 --dropped 0.1 0.1 --repeated 0 0 --bursts 0
                      --no-wrong-plant --no-wrong-camera --no-moving-user
+stress_index_true.json   exosight stress --system index --controllers oracle adaptive guarded --gains
+                         --episodes 100
+stress_index_image.json  as before, with --model index-control
 """
 
 import json
@@ -19,7 +22,7 @@ from exosight.app.stress import stress_table
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGE = HERE / "stress.md", HERE / "results", HERE / "images" / "stress.png"
-NAMES = ("stress", "stress_true", "stress_paper", "stress_latency")
+NAMES = ("stress", "stress_true", "stress_paper", "stress_latency", "stress_index_true", "stress_index_image")
 
 
 def load() -> dict[str, Any]:
@@ -30,12 +33,32 @@ def load() -> dict[str, Any]:
 def tables(found: dict[str, Any]) -> dict[str, str]:
     """The page's tables, by name."""
     causes = found["stress"]["controllers"]["guarded"]["transitions"]
+    index = {"true force": found["stress_index_true"], "image": found["stress_index_image"]}
+    adaptive = {name: result["controllers"]["adaptive"] for name, result in index.items()}
     return {name: shown(stress_table(result)) for name, result in found.items()} | {
+        "disturbances": table_of(
+            ["disturbance", *adaptive],
+            [
+                [name, *(_of(each["attained_by_disturbance"][name]) for each in adaptive.values())]
+                for name in adaptive["image"]["attained_by_disturbance"]
+            ],
+        ),
+        "adaptive_causes": table_of(
+            ["state entered, and cause", *adaptive],
+            [
+                [cause, *(str(each["transitions"].get(cause, 0)) for each in adaptive.values())]
+                for cause in adaptive["image"]["transitions"]
+            ],
+        ),
         "causes": table_of(
             ["state entered, and cause", "count"],
             [[cause, str(count)] for cause, count in causes.items()],
-        )
+        ),
     }
+
+
+def _of(counts: dict[str, int]) -> str:
+    return f"{counts['attained']} of {counts['attainable']}"
 
 
 def picture(found: dict[str, Any]) -> Figure:

@@ -66,3 +66,16 @@ def test_no_episode_is_unrecovered_late_or_commanded_beyond_limits(episodes):
             assert found[count] == 0
     assert episodes["stress_latency"]["controllers"]["guarded"]["outside_contact_limit"] == 0
     assert episodes["stress_paper"]["controllers"]["K_P = 5"]["outside_contact_limit"] > 0
+
+
+def test_the_adaptive_controller_attains_more_and_hardly_ever_gives_up(episodes):
+    for name in ("stress_index_true", "stress_index_image"):
+        found = episodes[name]["controllers"]
+        adaptive, guarded = found["adaptive"], found["guarded"]
+        for each in (adaptive, guarded, found["oracle"]):
+            for count in ("unrecovered", "released_late", "commands_outside"):
+                assert each[count] == 0
+        assert adaptive["outside_contact_limit"] == 0
+        assert found["oracle"]["attained"] == adaptive["attainable"]
+        assert adaptive["attained"] > 1.5 * guarded["attained"]
+        assert adaptive["given_up"] < 0.1 * guarded["given_up"]

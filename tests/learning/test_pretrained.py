@@ -23,7 +23,7 @@ from exosight.learning.checkpoint import RunIdentity, load_checkpoint
 from exosight.learning.config import PRETRAINED_SHARE, resolve
 from exosight.learning.model_file import open_model, seal
 from exosight.learning.model_inputs import ModelInputs
-from exosight.learning.networks import Network, SensorModel, build_network
+from exosight.learning.networks import ActuationEmbedding, Network, SensorModel, build_network
 from exosight.learning.outputs import nonnegative
 from exosight.learning.pretrained import Pretrained, first_weights
 from exosight.learning.recipes import RECIPES
@@ -89,6 +89,25 @@ def test_it_answers_as_the_file_whatever_the_units_of_its_forces(
     np.testing.assert_allclose(found[0].numpy(), expected[0], atol=2e-5)
     if kind != "paper":  # which tells no error of its own
         np.testing.assert_allclose(found[1].numpy(), expected[1], rtol=2e-5)
+
+
+def test_commands_that_join_count_for_nothing_at_first(
+    pretrained: Pretrained, trained: Path, blobs: TrainingData
+) -> None:
+    run = load_checkpoint(trained).run
+    driven = replace(run, settings=replace(run.settings, actuation=True))
+    images = torch.from_numpy(blobs.images[64:]).float()[:, None] / 255
+    commands = torch.linspace(-6, 6, len(images))[:, None]
+    alone = as_network(run, first_weights(pretrained, run, images, None)).eval()
+    joined = as_network(driven, first_weights(pretrained, driven, images, commands))
+    with torch.no_grad():
+        # Sums in the same order, but a layer that adds zeros: float32 rounds alike.
+        np.testing.assert_allclose(joined.eval()(images, commands), alone(images), atol=1e-6)
+    joined.train()(images, commands).square().sum().backward()
+    (place,) = (layer for layer in joined if isinstance(layer, ActuationEmbedding))
+    gradient = place.share.weight.grad
+    assert gradient is not None
+    assert gradient.abs().max() > 0  # and they are learned from
 
 
 def test_images_are_normalised_by_their_own_mean_and_deviation(
@@ -189,7 +208,6 @@ def test_it_is_driven_less_hard() -> None:
             "for another system: expected the sensors C0, C1, .* got zone_0, ",
         ),
         (TrainConfig(history=2), published_schema(40, 40), "its history is 0, asked for is 2"),
-        (TrainConfig(actuation=True), published_schema(40, 40), "its actuation is False, asked for is True"),
     ],
 )
 def test_a_network_of_another_kind_is_refused(

@@ -12,11 +12,12 @@ from pydantic import TypeAdapter
 from exosight.app.console import progress, to_json
 from exosight.app.control_figures import stress_figure
 from exosight.app.nominal import camera_for
-from exosight.control import ControllerConfig, Guarded, OnnxEstimator, Proportional, Scheduled
-from exosight.control.stress import StressConfig
+from exosight.control import Adaptive, ControllerConfig, Guarded, OnnxEstimator, Proportional, Scheduled
+from exosight.control.stress import ControllerName, StressConfig
 from exosight.control.stress.episodes import draw_episode
 from exosight.control.stress.frames import Look, camera_sensor, true_sensor
-from exosight.control.stress.measures import Measured, measure_episode, summary
+from exosight.control.stress.measures import Measured, attained, measure_episode, summary
+from exosight.control.stress.oracle import run_oracle
 from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
 from exosight.evaluation import Column, Table
@@ -25,8 +26,8 @@ from exosight.exosuit.published import PublishedDesigns
 from exosight.files import as_csv, write_new_file
 from exosight.system.designs import DesignSet
 
-GUARDED = "guarded"
-"""Name of the scheduled law behind its guard."""
+ORACLE = "oracle"
+"""Name of the bound."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,7 @@ def prepare(
     """
     if model is None:
         return stress_plants(designs, None, sensor, channel), true_sensor
-    estimator = OnnxEstimator.load(model, threads=2, alone=True)
+    estimator = OnnxEstimator.load(model, threads=2)
     camera = camera_for(designs, estimator) if isinstance(designs, PublishedDesigns) else None
     plants = stress_plants(designs, camera, sensor, channel)
     estimator.card.check_fits(plants.nominal.schema, "system")
@@ -57,35 +58,55 @@ def prepare(
 
 
 def run_stress(
-    config: StressConfig, episodes: int, seed: int, gains: Sequence[float], plants: StressPlants, look: Look
+    config: StressConfig,
+    episodes: int,
+    seed: int,
+    controllers: Sequence[ControllerName],
+    gains: Sequence[float],
+    plants: StressPlants,
+    look: Look,
 ) -> dict[str, Outcome]:
-    """The guarded controller and the paper's law with each gain, all on the same episodes.
+    """The named controllers and the paper's law with each gain, all on the same episodes.
 
     Raises InputError for settings that are out of range.
     """
     drawn = [draw_episode(config, seed, number, plants) for number in range(episodes)]
     outcomes = {}
-    for name, controllers in _controllers(plants.limits, gains, episodes).items():
+    for name in (*controllers, *(f"K_P = {gain:g}" for gain in gains)):
         with progress(name, "steps") as update:
-            traces = run_episodes(drawn, controllers, look, plants.limits, update)
+            if name == ORACLE:
+                traces = run_oracle(drawn, plants.limits, update)
+            else:
+                chosen = _controllers(name, plants.limits, gains, episodes)
+                traces = run_episodes(drawn, chosen, look, plants.limits, update)
         measured = tuple(measure_episode(e, traces, i, plants.limits) for i, e in enumerate(drawn))
         outcomes[name] = Outcome(measured, traces)
     return outcomes
 
 
 def _controllers(
-    limits: ControllerConfig, gains: Sequence[float], count: int
-) -> dict[str, Sequence[Controller]]:
-    def paper(gain: float) -> Sequence[Controller]:
-        return [Unguarded(Proportional(gain, limits.driven), limits.weights) for _ in range(count)]
-
-    guarded: Sequence[Controller] = [Guarded(Scheduled(limits)) for _ in range(count)]
-    return {GUARDED: guarded, **{f"K_P = {gain:g}": paper(gain) for gain in gains}}
+    name: str, limits: ControllerConfig, gains: Sequence[float], count: int
+) -> Sequence[Controller]:
+    """One of this name for each episode."""
+    if name == "guarded":
+        return [Guarded(Scheduled(limits)) for _ in range(count)]
+    if name == "adaptive":
+        return [Adaptive(limits) for _ in range(count)]
+    (gain,) = (gain for gain in gains if name == f"K_P = {gain:g}")
+    return [Unguarded(Proportional(gain, limits.driven), limits.weights) for _ in range(count)]
 
 
 def results(outcomes: Mapping[str, Outcome], about: Mapping[str, Any]) -> dict[str, Any]:
-    """What was run, and the summary of each controller, as plain values."""
+    """What was run, and the summary of each controller, as plain values.
+
+    With the oracle among them, `attainable` counts the constant targets that it settles at, and which of
+    these each controller does.
+    """
     found = {name: summary(outcome.measured, outcome.traces) for name, outcome in outcomes.items()}
+    if ORACLE in outcomes:
+        bound = outcomes[ORACLE].measured
+        for name, outcome in outcomes.items():
+            found[name] |= attained(outcome.measured, bound)
     return {"about": dict(about), "controllers": found}
 
 
@@ -100,9 +121,11 @@ def write_stress(outcomes: Mapping[str, Outcome], found: Mapping[str, Any], fold
 
 def stress_table(found: Mapping[str, Any]) -> Table:
     """What was measured, a row a controller; `found` as `results` gives it."""
+    bounded = any("attained" in each for each in found["controllers"].values())
     columns = (
         Column("controller"),
         Column("targets settled"),
+        *([Column("attainable targets settled")] if bounded else []),
         Column("settling steps, median", digits=0),
         Column("overshoot, 90th percentile", "%", digits=0),
         Column("steady-state error, median", "%", digits=1),
@@ -117,6 +140,7 @@ def stress_table(found: Mapping[str, Any]) -> Table:
         (
             name,
             f"{each['settled']} of {each['constant_targets']}",
+            *([f"{each['attained']} of {each['attainable']}"] if bounded else []),
             _of(each["settling_steps"], "median"),
             _of(each["overshoot_percent"], "p90"),
             _of(each["steady_state_percent"], "median"),

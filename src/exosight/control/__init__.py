@@ -14,6 +14,9 @@ tuning            those paths from a simulation (needs JAX: `exosight.control.tu
 guard             a state machine that checks every frame: normal, slow, hold, release
 at_rest           a controller that drives nothing, for pictures alone (needs JAX)
 guarded           the loop with that law and guard in it
+frame_check       what was measured in a step, and whether it can be used
+observer          what a plant does that is not the one that was solved
+adaptive          a controller that follows its observer, with authority by what it knows
 sources           frames of a camera, a video, a folder of pictures
 actuators         what carries the command to the plant
 realtime          the guarded loop at a fixed rate, which always ends at u = 0
@@ -24,11 +27,13 @@ trials            the paper's three constant targets and three step responses
 stress            many random episodes in which much goes wrong
 """
 
+from exosight.control.adaptive import Adaptive, AuthorityConfig
 from exosight.control.estimator import Estimator, OnnxEstimator, Reader
 from exosight.control.guard import GuardConfig, Guarded, Measurement, State, Transition
 from exosight.control.guarded import Sense, measurement_from, run_guarded, true_measurement
 from exosight.control.laws import Law, OpenLoop, Proportional
 from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_reading
+from exosight.control.observer import Observer, ObserverConfig
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import Observation, Plant
 from exosight.control.responses import Response, measure_response
@@ -37,6 +42,8 @@ from exosight.control.trials import CONTROL_SHAPE, Trial, published_trials, run_
 
 __all__ = [
     "CONTROL_SHAPE",
+    "Adaptive",
+    "AuthorityConfig",
     "ControllerConfig",
     "Estimator",
     "ForcePath",
@@ -46,6 +53,8 @@ __all__ = [
     "Measure",
     "Measurement",
     "Observation",
+    "Observer",
+    "ObserverConfig",
     "OnnxEstimator",
     "OpenLoop",
     "Plant",

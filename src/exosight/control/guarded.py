@@ -1,15 +1,18 @@
 """The loop with a guard in it, and the measurements that it needs."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
-from exosight.control.estimator import Reader, Reading, read_one
+from exosight.control.adaptive import Adaptive
+from exosight.control.estimator import OnnxEstimator, Reader, Reading, read_one
 from exosight.control.guard import Guarded, Measurement
 from exosight.control.loop import Record, run
 from exosight.control.plant import Observation, Plant
 from exosight.errors import InputError
+from exosight.learning.model_inputs import ModelInputs
 from exosight.system.schema import difference
 
 Sense = Callable[[Observation], Measurement]
@@ -17,10 +20,18 @@ Sense = Callable[[Observation], Measurement]
 
 
 def measurement_from(estimator: Reader) -> Sense:
-    """Picture, estimate, interval and score; None for an estimate that is not finite, or of no picture."""
+    """Picture, estimate, interval and score; None for an estimate that is not finite, or of no picture.
+
+    A network that takes commands gets those of the observation.
+    """
+    driven = isinstance(estimator, OnnxEstimator) and estimator.card.actuation
 
     def sense(observation: Observation) -> Measurement:
-        reading = read_one(estimator.read, observation.image)
+        read = estimator.read
+        if driven:
+            commands = observation.commands[None].astype(np.float32)
+            read = partial(estimator.read, inputs=ModelInputs(commands=commands))
+        reading = read_one(read, observation.image)
         return Measurement(observation.image, reading, commands=observation.commands)
 
     return sense
@@ -36,7 +47,9 @@ def true_measurement(observation: Observation) -> Measurement:
     return Measurement(observation.image, reading, commands=observation.commands)
 
 
-def run_guarded(plant: Plant, guarded: Guarded, sense: Sense, target: Float[np.ndarray, " steps"]) -> Record:
+def run_guarded(
+    plant: Plant, guarded: Guarded | Adaptive, sense: Sense, target: Float[np.ndarray, " steps"]
+) -> Record:
     """Reset plant and controller, then follow the target, as `run` does; `guarded.log` lists its states.
 
     `estimated` of the record is NaN where no estimate came.
@@ -59,7 +72,7 @@ def run_guarded(plant: Plant, guarded: Guarded, sense: Sense, target: Float[np.n
 class _Driver:
     """A guarded controller as law and measurement of `run`: each measurement is acted on once."""
 
-    def __init__(self, guarded: Guarded, sense: Sense) -> None:
+    def __init__(self, guarded: Guarded | Adaptive, sense: Sense) -> None:
         self._guarded, self._sense, self._measurement = guarded, sense, Measurement()
 
     def reset(self) -> None:

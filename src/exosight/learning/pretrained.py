@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from exosight.errors import DataError, InputError
 from exosight.learning.checkpoint import RunIdentity
 from exosight.learning.model_file import ModelCard, open_session, read_model, sealed
-from exosight.learning.networks import Network, answer_slices
+from exosight.learning.networks import ActuationEmbedding, Network, answer_slices
 from exosight.learning.ood import OodDetector
 from exosight.system.schema import difference
 
@@ -112,7 +112,7 @@ def check_pretrained(pretrained: Pretrained, identity: RunIdentity) -> None:
     if fault := difference(card.schema, identity.schema, ("sensors", "cameras", "channels")):
         raise InputError(f"pretrained: it is for another system: {fault}; start from one of the same kind")
     for name, has, wants in zip(names, there, asked, strict=True):
-        if has != wants:
+        if has != wants and not (name == "actuation" and wants):
             raise InputError(
                 f"pretrained: its {name} is {has}, asked for is {wants}; start from one of the same kind"
             )
@@ -147,10 +147,12 @@ def unfold(
 ) -> None:
     """Give a network the weights of a file, which it then answers as, normalised around some images.
 
+    Commands that the file's network does not have as an input count for nothing as yet.
+
     Raises DataError if the layers are others than this version of exosight builds.
     """
     pairs = _normalised(network)
-    weights = dict(pretrained.weights)
+    weights = _with_commands(pretrained, network)
     for convolution, norm in pairs.items():
         bias = weights.get(f"{convolution}.bias", torch.empty(0))
         # Mean and variance are of no account as yet: `_normalise` comes before their first use.
@@ -172,6 +174,21 @@ def unfold(
         network(images, commands)
     for hook in hooks:
         hook.remove()
+
+
+def _with_commands(pretrained: Pretrained, network: Network) -> dict[str, Tensor]:
+    """The weights of a file by the names that they have in a network, which may take commands as well."""
+    weights = dict(pretrained.weights)
+    embeddings = [i for i, layer in enumerate(network) if isinstance(layer, ActuationEmbedding)]
+    if pretrained.card.actuation or not embeddings:
+        return weights
+    (place,) = embeddings
+    moved = {}
+    for name, tensor in weights.items():
+        number, _, rest = name.partition(".")
+        moved[f"{int(number) + (int(number) >= place)}.{rest}"] = tensor
+    share = network.get_submodule(f"{place}.share").state_dict()
+    return moved | {f"{place}.share.{name}": torch.zeros_like(tensor) for name, tensor in share.items()}
 
 
 def _normalised(network: Network) -> dict[str, str]:

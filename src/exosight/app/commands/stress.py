@@ -7,7 +7,7 @@ from pydantic import Field
 
 from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath, Seed
 from exosight.app.console import check_json_target, results_folder, show_or_write
-from exosight.control.stress import StressConfig
+from exosight.control.stress import ControllerName, StressConfig
 
 DEFAULT = StressConfig()
 
@@ -19,13 +19,14 @@ def stress(
     config: Annotated[StressConfig, tyro.conf.arg(name="")] = DEFAULT,
     episodes: Annotated[int, Field(ge=1, le=100_000)] = 1000,
     seed: Seed = 0,
+    controllers: Annotated[tuple[ControllerName, ...], tyro.conf.arg(metavar="NAME …")] = ("guarded",),
     gains: Gains = None,
     loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = NOMINAL_LOOP,
     model: MaybePath = None,
     out: MaybePath = None,
     json: Json = None,
 ) -> None:
-    """Run the guarded controller and the paper's law in random episodes, all stepped side by side.
+    """Run controllers and the paper's law in random episodes, all stepped side by side.
 
     In each episode a target is followed and then drops to 0; frames come late, twice, degraded or not at all,
     system and camera are not those that were tuned for, and the user moves. The sensor is a network
@@ -33,6 +34,7 @@ def stress(
 
     Examples:
       exosight stress --episodes 100
+      exosight stress --system index --controllers oracle adaptive --gains --model index-control
       exosight stress --model results/light/model.onnx --out results/stress
       exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --no-wrong-plant
 
@@ -40,11 +42,14 @@ def stress(
         config: what may go wrong
         episodes: how many
         seed: seed of all that is drawn
-        gains: K_P of the paper's law [channel's unit per sensor's], one run each; none: the guarded
-            controller alone; default: 5, the paper's, for F_net of the presets, otherwise half of what the
-            steepest part of the path asks for
+        controllers: guarded: the scheduled law behind its guard; adaptive: observer, law and authority in
+            one; oracle: the bound, which feels the true force at once and knows plant and user
+        gains: K_P of the paper's law [channel's unit per sensor's], one run each; none: only the
+            controllers above; default: 5, the paper's, for F_net of the presets, otherwise half of
+            what the steepest part of the path asks for
         loop: what is driven; the `vary` tables of a system file are what may be wrong about it
-        model: exported network, from `exosight train`, or 'shipped', the package's own for the system;
+        model: exported network, from `exosight train`, 'shipped', the package's own for the system, or
+            'index-control', its own for closed loops;
             without it the sensor is the true reading
         out: folder for summary (JSON), every episode (CSV) and figure (SVG); it must not exist
         json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
@@ -59,7 +64,7 @@ def stress(
     plants, look = prepare(find_system(loop.system), model, loop.sensor, loop.channel)
     gains = (plants.gain,) if gains is None else gains
     with results_folder(out) as folder:
-        outcomes = run_stress(config, episodes, seed, gains, plants, look)
+        outcomes = run_stress(config, episodes, seed, controllers, gains, plants, look)
         found = results(outcomes, about(config, episodes, seed, gains, model, plants))
         if folder is not None:
             write_stress(outcomes, found, folder)

@@ -60,6 +60,16 @@ class Episode:
     stiffness: Float[np.ndarray, "steps coordinates"]
     rest: Float[np.ndarray, "steps coordinates"]
 
+    @property
+    def moves(self) -> bool:
+        """Whether the user moves."""
+        return bool(np.ptp(self.rest, axis=0).any() or np.ptp(self.stiffness, axis=0).any())
+
+    @property
+    def displaced(self) -> bool:
+        """Whether the camera is not where the system has it."""
+        return self.camera != self.system.camera
+
 
 def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPlants) -> Episode:
     """The episode of this number; it depends on configuration, plants, seed and number alone.

@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import UInt8
 
 from exosight.control.batch import BatchPlant
-from exosight.control.estimator import Reader, Reading
+from exosight.control.estimator import OnnxEstimator, Reader, Reading
 from exosight.control.guard import Measurement
 from exosight.control.loop import RATE
 from exosight.control.stress.episodes import Burst, Episode
+from exosight.learning.model_inputs import ModelInputs
 from exosight.vision.corruptions import add_noise
 from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS, OCCLUSIONS, occluder, overlay
 
@@ -20,7 +21,11 @@ Look = Callable[[BatchPlant, Sequence[Episode], int], tuple[Images, Reading]]
 
 
 def camera_sensor(estimator: Reader) -> Look:
-    """Each episode's own camera, its noise and occlusion, and a network that looks at all pictures."""
+    """Each episode's own camera, its noise and occlusion, and a network that looks at all pictures.
+
+    A network that takes commands gets those of the pictures.
+    """
+    driven = isinstance(estimator, OnnxEstimator) and estimator.card.actuation
 
     def sense(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
         images = np.concatenate(
@@ -29,6 +34,10 @@ def camera_sensor(estimator: Reader) -> Look:
         for image, episode in zip(images, episodes, strict=True):
             for burst in _now(episode, step):
                 image[:] = _corrupted(image, burst, step)
+        if driven:
+            assert isinstance(estimator, OnnxEstimator)
+            commands = plant.state.commands.astype(np.float32)
+            return images, estimator.read(images, inputs=ModelInputs(commands=commands))
         return images, estimator.read(images)
 
     return sense

@@ -3,7 +3,7 @@
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from exosight.control.guard import State
 from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig
-from exosight.control.responses import measure_response
+from exosight.control.responses import TOLERANCE, measure_response
 from exosight.control.scheduled import RELEASED
 from exosight.control.stress.episodes import Episode
 from exosight.control.stress.suite import Traces
@@ -51,6 +51,12 @@ class Measured:
     """the controlled sensor is below that in the end"""
     given_up: bool
     """the guard released before the target dropped"""
+    latency: float
+    """age of the frames [s]"""
+    user_moves: bool
+    """joints stiffen, soften and flex"""
+    camera_displaced: bool
+    """the camera is not where it was at first"""
 
 
 def measure_episode(episode: Episode, traces: Traces, number: int, limits: ControllerConfig) -> Measured:
@@ -86,6 +92,9 @@ def measure_episode(episode: Episode, traces: Traces, number: int, limits: Contr
         release_seconds=released / RATE if recovered else math.nan,
         recovered=recovered,
         given_up=any(t.after is State.RELEASE and t.step < episode.drop for t in traces.logs[number]),
+        latency=episode.latency / RATE,
+        user_moves=episode.moves,
+        camera_displaced=episode.displaced,
     )
 
 
@@ -123,6 +132,49 @@ def summary(measured: Sequence[Measured], traces: Traces) -> dict[str, Any]:
             "release_seconds": _percentiles([m.release_seconds for m in measured]),
         },
     }
+
+
+def attained(measured: Sequence[Measured], bound: Sequence[Measured]) -> dict[str, Any]:
+    """Of the constant targets at which the bound settles: how many there are, how many a controller settles
+    at, both for each kind of disturbance as well, and why the others are missed.
+
+    bound   the same episodes of the oracle
+    """
+    kept = [m for m, best in zip(measured, bound, strict=True) if not math.isnan(best.settling_steps)]
+    missed = Counter(_cause(m) for m in kept if math.isnan(m.settling_steps))
+    return {
+        "attainable": len(kept),
+        "attained": _settled(kept),
+        "attainable_steady_state_percent": _quantiles([m.steady_state_percent for m in kept]),
+        "not_attained": dict(missed.most_common()),
+        "attained_by_disturbance": {
+            name: {"attainable": len(part), "attained": _settled(part)}
+            for name, applies in _DISTURBANCES.items()
+            if (part := [m for m in kept if applies(m)])
+        },
+    }
+
+
+_DISTURBANCES: dict[str, Callable[[Measured], bool]] = {
+    "user at rest": lambda m: not m.user_moves,
+    "user at rest, camera displaced": lambda m: not m.user_moves and m.camera_displaced,
+    "user moves, frames up to 0.1 s late": lambda m: m.user_moves and m.latency < _LATE,
+    "user moves, frames 0.2 s late or more": lambda m: m.user_moves and m.latency >= _LATE,
+}
+_LATE = 0.15  # [s]
+
+
+def _settled(measured: Sequence[Measured]) -> int:
+    return sum(not math.isnan(m.settling_steps) for m in measured)
+
+
+def _cause(measured: Measured) -> str:
+    """Why an episode has not settled."""
+    if measured.given_up:
+        return "given up"
+    if measured.steady_state_percent > 100 * TOLERANCE:
+        return "mean of the last quarter off by more than 5 %"
+    return "mean within 5 %, not every step"
 
 
 def _quantiles(values: Sequence[float]) -> dict[str, float] | None:

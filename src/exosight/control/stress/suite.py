@@ -88,38 +88,73 @@ def run_episodes(
 
     Raises InputError for no episodes, episodes of several lengths, or another number of controllers.
     """
-    lengths = {len(episode.target) for episode in episodes}
-    if len(lengths) != 1 or len(controllers) != len(episodes):
+    run = EpisodeRun(episodes, config)
+    if len(controllers) != len(episodes):
         raise InputError(
-            f"episodes: expected one or more of one length, each with a controller, got {len(episodes)} of "
-            f"{len(lengths)} lengths and {len(controllers)} controllers"
+            f"episodes: expected each with a controller, got {len(episodes)} and {len(controllers)} "
+            "controllers"
         )
-    (steps,) = lengths
-    plant, frames = BatchPlant([episode.system for episode in episodes]), FrameDelivery(episodes, look)
-    target = np.stack([episode.target for episode in episodes])
-    stiffness = np.stack([episode.stiffness for episode in episodes])
-    rest = np.stack([episode.rest for episode in episodes])
+    frames = FrameDelivery(episodes, look)
     for controller in controllers:
         controller.reset()
-    command, states, estimated = [np.zeros(len(episodes))], [plant.state], [np.zeros(len(episodes))]
-    for step in range(1, steps):
-        measurements = frames.measurements(plant, step - 1)
+    estimated = [np.zeros(len(episodes))]
+    for step in range(1, run.steps):
+        measurements = frames.measurements(run.plant, step - 1)
         asked = [
             controller.step(float(goal), measurement)
-            for controller, goal, measurement in zip(controllers, target[:, step], measurements, strict=True)
+            for controller, goal, measurement in zip(
+                controllers, run.target[:, step], measurements, strict=True
+            )
         ]
-        command.append(np.array(asked))
-        commands = np.stack([config.commands(u) for u in asked])
-        states.append(plant.step(commands, Joints(stiffness[:, step], rest[:, step])))
+        run.apply(step, np.array(asked))
+        run.keep(np.array(asked))
         estimated.append(np.array([measurement.sum(config.weights) for measurement in measurements]))
-        done(step, steps - 1)
-    outputs = np.stack([state.outputs for state in states], axis=1)
-    return Traces(
-        target=target,
-        command=np.stack(command, axis=1),
-        outputs=outputs,
-        true=(outputs * config.weights).sum(axis=2),
-        estimated=np.stack(estimated, axis=1),
-        converged=np.stack([state.converged for state in states], axis=1),
-        logs=tuple(tuple(controller.log) for controller in controllers),
-    )
+        done(step, run.steps - 1)
+    return run.traces(np.stack(estimated, axis=1), [tuple(controller.log) for controller in controllers])
+
+
+class EpisodeRun:
+    """The plants of all episodes, and what is recorded of them.
+
+    config   which sensor is controlled and which channel is driven; the others rest at 0
+
+    Raises InputError for no episodes, or episodes of several lengths.
+    """
+
+    def __init__(self, episodes: Sequence[Episode], config: ControllerConfig) -> None:
+        lengths = {len(episode.target) for episode in episodes}
+        if len(lengths) != 1:
+            raise InputError(
+                f"episodes: expected one or more of one length, got {len(episodes)} of {len(lengths)} lengths"
+            )
+        (self.steps,) = lengths
+        self.plant, self._config = BatchPlant([episode.system for episode in episodes]), config
+        self.target = np.stack([episode.target for episode in episodes])
+        self._stiffness = np.stack([episode.stiffness for episode in episodes])
+        self._rest = np.stack([episode.rest for episode in episodes])
+        self._command, self._states = [np.zeros(len(episodes))], [self.plant.state]
+
+    def apply(self, step: int, u: Float[np.ndarray, " episodes"]) -> Float[np.ndarray, "episodes outputs"]:
+        """Give every plant its command, with the users as they are in this step; what is read then."""
+        joints = Joints(self._stiffness[:, step], self._rest[:, step])
+        return self.plant.step(self._config.commands(u), joints).outputs
+
+    def keep(self, u: Float[np.ndarray, " episodes"]) -> None:
+        """Take the plants as they are now as those of the step."""
+        self._command.append(u)
+        self._states.append(self.plant.state)
+
+    def traces(
+        self, estimated: Float[np.ndarray, "episodes steps"], logs: Sequence[tuple[Transition, ...]]
+    ) -> Traces:
+        """All that was recorded."""
+        outputs = np.stack([state.outputs for state in self._states], axis=1)
+        return Traces(
+            target=self.target,
+            command=np.stack(self._command, axis=1),
+            outputs=outputs,
+            true=(outputs * self._config.weights).sum(axis=2),
+            estimated=estimated,
+            converged=np.stack([state.converged for state in self._states], axis=1),
+            logs=tuple(logs),
+        )

@@ -1,0 +1,203 @@
+"""A controller that follows its observer, and whose authority depends on how much the observer knows.
+
+    authority  u                                              while the last frame that was taken in is
+    NORMAL     to where the observer has the target           at most 0.6 s old, and the force is known
+    SLOW       loads at a quarter of that, on the prediction  at most 1.2 s old
+    HOLD       stays, or unloads to within the limits         at most 2.2 s old
+    RELEASE    → 0 at the full rate, open loop                older, or an output is beyond its limit by a
+                                                              quarter in two frames
+
+A frame that is lost, spoilt or an outlier costs nothing but time: no state is left because of one. Towards
+more authority it goes after two frames in a row that the observer took in; out of RELEASE after five, at
+u = 0. Whatever happens, u is limited in amplitude and rate, and without frames it is 0 after 2.2 s and
+u_max divided by the rate. A target of 0 needs no frame: u goes to 0.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import ConfigDict, Field
+from pydantic.dataclasses import dataclass as configuration
+
+from exosight.control.frame_check import FrameCheck, GuardConfig, Measurement, Problem
+from exosight.control.guard import State, Transition
+from exosight.control.observer import Observer, ObserverConfig
+from exosight.control.paths import ControllerConfig, limited
+from exosight.control.scheduled import RELEASED
+from exosight.errors import InputError
+
+_LEVEL = 3.29  # width of the 90 % interval of a normal distribution in standard deviations
+_OVERLOADS = 2  # frames in a row: a single one may be noise
+
+
+@configuration(frozen=True, config=ConfigDict(extra="forbid"))
+class AuthorityConfig:
+    """How long, and how uncertain, the controller may act."""
+
+    slow_seconds: Annotated[float, Field(gt=0, le=10)] = 0.6
+    """time without a frame after which loading slows down [s]"""
+    hold_seconds: Annotated[float, Field(gt=0, le=10)] = 1.2
+    """time after which u stays [s]"""
+    release_seconds: Annotated[float, Field(gt=0, le=10)] = 2.2
+    """time after which it is released [s]"""
+    slow_deviation: Annotated[float, Field(gt=0, le=1)] = 0.2
+    """standard deviation of the controlled sensor from which loading slows down, as a share of its largest
+    reading on the path [-]"""
+    slow: Annotated[float, Field(gt=0, le=1)] = 0.25
+    """share of the step that SLOW lets load"""
+    frames_up: Annotated[int, Field(ge=1, le=100)] = 2
+    """frames in a row that lead to more authority"""
+    frames_back: Annotated[int, Field(ge=1, le=100)] = 5
+    """frames in a row that lead out of RELEASE"""
+
+
+class Adaptive:
+    """Observer, law and authority in one: `step` answers any measurement with u within its limits.
+
+    config     limits and solved paths, from `exosight.control.tuning.tune`
+    authority  how long it may act on predictions
+    given      what the observer knows before
+    guard      when a frame is bad; of its numbers those count that say so
+    """
+
+    def __init__(
+        self,
+        config: ControllerConfig,
+        authority: AuthorityConfig | None = None,
+        given: ObserverConfig | None = None,
+        guard: GuardConfig | None = None,
+    ) -> None:
+        self.config, self.authority = config, authority or AuthorityConfig()
+        self.guard, self.observer = guard or GuardConfig(), Observer(config, given)
+        self._frames = FrameCheck(config, self.guard)
+        self._largest = float(config.loading.controlled.max())
+        self.log: list[Transition] = []
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the initial state, at u = 0."""
+        self.observer.reset()
+        self._frames.reset()
+        self.state, self.problem = State.NORMAL, None
+        self.log = []
+        self._steps = self._good = self._over = 0
+        self._behind = 0  # steps from the observer's state to the coming command
+        self._unseen = 0  # the same from the last frame that it took in
+
+    def step(self, target: float, measurement: object, missed: int = 0) -> float:
+        """The command of the coming step [the channel's unit].
+
+        target       of the controlled sensor [its unit]
+        measurement  a Measurement; anything else is one without a frame
+        missed       periods since the last step in which there was none, and u stayed
+
+        Raises InputError if the target is no finite number.
+        """
+        if not np.isfinite(target):
+            raise InputError(f"target: expected a finite number, got {target}")
+        found = measurement if isinstance(measurement, Measurement) else Measurement()
+        self._steps += 1
+        self._frames.sent(self._frames.u, missed)
+        self._behind += 1 + missed
+        self._unseen += 1 + missed
+        self.problem = self._frames.fault(found)
+        if self.problem is None:
+            self._observe(found)
+        else:
+            self._good = 0
+        self._decide()
+        u = self._frames.u
+        wanted = self._wanted(float(target), u, found)
+        u = limited(self.config, u, wanted)
+        self._frames.sent(u)
+        return u
+
+    @property
+    def unseen(self) -> float:
+        """Time since the last frame that the observer took in was made [s]."""
+        return self._unseen * self.config.period
+
+    def _observe(self, found: Measurement) -> None:
+        """Let the observer take in a good frame."""
+        reading, config = found.reading, self.config
+        outputs = reading.forces[0].astype(float)
+        over = bool((outputs > self.guard.overload * config.output_limits).any())
+        self._over = self._over + 1 if over else 0
+        late = round(found.age / config.period) + 1  # the frame was made at the end of the step before
+        if late > self._behind:
+            return  # older than one that was taken in
+        width = float(((reading.high - reading.low)[0] * config.weights).sum())
+        self.observer.advance(self._behind - late)
+        self._behind = late
+        if self.observer.update(self._frames.command_of(found), outputs, width / _LEVEL):
+            self._good, self._unseen = self._good + 1, late
+        else:
+            self._good = 0
+            self.problem = Problem("an outlier", "look at the pictures of this moment")
+
+    def _decide(self) -> None:
+        """Authority, by what is known of the present."""
+        limits, unseen = self.authority, self.unseen
+        known = self.observer.predict(self._frames.u, self._behind)
+        if self._over >= _OVERLOADS:
+            return self._go(State.RELEASE, "an output beyond its limit by a quarter")
+        if unseen > limits.release_seconds + _ROUND_OFF:
+            return self._go(State.RELEASE, f"no frame for {unseen:.1f} s")
+        if self.state is State.RELEASE:
+            if self._frames.u == 0 and self._good >= limits.frames_back:
+                self._go(State.SLOW, f"{self._good} frames in a row")
+            return None
+        if unseen > limits.hold_seconds + _ROUND_OFF:
+            return self._go(State.HOLD, f"no frame for {unseen:.1f} s")
+        unit = self.config.controlled.unit
+        if unseen > limits.slow_seconds + _ROUND_OFF:
+            asked, cause = State.SLOW, f"no frame for {unseen:.1f} s"
+        elif known.deviation > limits.slow_deviation * self._largest:
+            asked, cause = State.SLOW, f"a force known to {known.deviation:.3f} {unit}"
+        else:
+            asked, cause = State.NORMAL, f"{self._good} frames in a row"
+        more = _ORDER.index(asked) < _ORDER.index(self.state)
+        if not more or self._good >= limits.frames_up:
+            self._go(asked, cause)
+        return None
+
+    def _go(self, state: State, cause: str) -> None:
+        if state is not self.state:
+            self.log.append(Transition(self._steps, self.state, state, cause))
+            self.state = state
+
+    def _wanted(self, target: float, u: float, found: Measurement) -> float:
+        """The command to go to, before amplitude and rate are limited."""
+        if self.state is State.RELEASE:
+            return 0.0
+        if target < RELEASED:
+            return self._release(u, found)
+        config, ahead = self.config, self._behind
+        largest = max(self.observer.largest(ahead), 0.0)
+        if self.state is State.HOLD:
+            return min(u, largest)
+        wanted = min(self.observer.command(config.reachable(target), ahead), largest)
+        if self.problem is None:
+            outputs = found.reading.forces[0].astype(float)
+            excess = float((outputs - config.output_limits).max())
+            if excess > 0:
+                wanted = min(wanted, self._frames.command_of(found) - config.largest_gain * excess)
+        if self.state is State.SLOW and wanted > max(u, 0.0):
+            wanted = u + self.authority.slow * (min(wanted, u + config.step) - u)
+        return wanted
+
+    def _release(self, u: float, found: Measurement) -> float:
+        """To 0, and if it presses there as well on to u_min, then slowly back, lest it closes again."""
+        if u > 0:
+            return 0.0
+        if self.problem is None:
+            at = self._frames.command_of(found)
+            # The lower end of the interval: a network reads a few mN where nothing presses.
+            surely = float((found.reading.low[0] * self.config.weights).sum())
+            if surely >= RELEASED:
+                return 0.0 if at > 0 else self.config.u_min
+        return min(u + 0.1 * self.config.step, 0.0)
+
+
+_ORDER = (State.NORMAL, State.SLOW, State.HOLD, State.RELEASE)
+_ROUND_OFF = 1e-9  # of times that are sums of periods [s]

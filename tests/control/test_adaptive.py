@@ -1,0 +1,187 @@
+"""The adaptive controller on plants in closed form, with frames that are late, lost, spoilt or made up."""
+
+import math
+
+import numpy as np
+import pytest
+from any_frames import TARGET, measurements, picture, reading, targets
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from toy import SLOPE, controller
+
+from exosight.control import Adaptive, Measurement, State
+from exosight.errors import InputError
+
+CONFIG = controller(limit=0.4)
+ROUND_OFF = 1e-12  # of sums of numbers up to 5 N
+unhurried = settings(deadline=None)
+
+
+class Bench:
+    """F = s · 0.1 (u − d), on C3, as the toy's path is 0.1 u; frames are `late` steps old."""
+
+    def __init__(self, s: float = 1.0, d: float = 0.0, late: int = 0) -> None:
+        self.adaptive, self.s, self.d, self.late = Adaptive(CONFIG), s, d, late
+        self.u, self.forces = [0.0], [0.0]
+
+    def frame(self) -> Measurement:
+        at = max(len(self.u) - 1 - self.late, 0)
+        return Measurement(picture(at), reading(self.forces[at]), 0.1 * self.late, np.array([self.u[at]]))
+
+    def step(self, measurement: object = None, target: float = TARGET) -> float:
+        u = self.adaptive.step(target, self.frame() if measurement is None else measurement)
+        self.u.append(u)
+        self.forces.append(max(self.s * SLOPE * (u - self.d), 0.0))
+        return u
+
+    @property
+    def state(self) -> State:
+        return self.adaptive.state
+
+
+@pytest.mark.parametrize("late", [0, 1, 3])
+@pytest.mark.parametrize(("s", "d"), [(1.0, 0.0), (1.2, 0.1), (0.8, -0.2), (0.9, 0.4)])
+def test_it_settles_on_a_plant_that_it_was_not_tuned_for(s: float, d: float, late: int):
+    bench = Bench(s, d, late)
+    for _ in range(20):
+        bench.step()
+    # The path to the target is three steps; then a frame has to come, and another for what is left.
+    assert np.abs(np.array(bench.forces[6 + 2 * late :]) - TARGET).max() < 0.05 * TARGET
+    assert bench.state is State.NORMAL
+
+
+def test_no_state_is_left_because_of_one_frame():
+    for spoilt in (
+        Measurement(),
+        Measurement(picture(0), reading(0.9)),
+        Measurement(picture(1), reading(0.3, ood_score=9)),
+    ):
+        bench = Bench()
+        for _ in range(8):
+            bench.step()
+        before = bench.u[-1]
+        bench.step(spoilt)
+        assert bench.state is State.NORMAL
+        assert bench.adaptive.log == []
+        # Its own prediction, not that frame, says where to go.
+        assert bench.u[-1] == pytest.approx(before, abs=0.05)
+
+
+def test_without_frames_authority_goes_step_by_step():
+    bench = Bench()
+    for _ in range(8):
+        bench.step()
+    states = []
+    for _ in range(30):
+        bench.step(Measurement())
+        states.append(bench.state)
+    # The last frame showed the step before: at the k-th step without one it is k + 1 periods old.
+    assert [states.index(s) + 2 for s in (State.SLOW, State.HOLD, State.RELEASE)] == [7, 13, 23]
+    assert bench.u[-1] == 0.0
+    for _ in range(5):
+        bench.step()
+    assert bench.state is State.SLOW
+    for _ in range(10):
+        bench.step()
+    assert bench.state is State.NORMAL
+
+
+def test_frames_that_do_not_fit_are_no_frames():
+    """Readings that jump to and fro, each an outlier: authority goes as if none came."""
+    bench = Bench()
+    for _ in range(8):
+        bench.step()
+    for k in range(30):
+        bench.step(
+            Measurement(picture(k), reading(0.45 if k % 2 else 0.01), commands=np.array([bench.u[-1]]))
+        )
+    assert State.RELEASE in [entry.after for entry in bench.adaptive.log]
+    assert not any(entry.after is State.NORMAL for entry in bench.adaptive.log)
+
+
+def test_a_long_pause_is_taken_in_at_once():
+    bench = Bench()
+    for _ in range(8):
+        bench.step()
+    assert bench.adaptive.step(TARGET, Measurement(), missed=10**9) < bench.u[-1]
+    assert bench.state is State.RELEASE
+
+
+def test_it_loads_slowly_on_predictions_and_unloads_at_once():
+    bench = Bench()
+    for _ in range(8):
+        bench.step(target=0.1)
+    for _ in range(6):
+        bench.step(Measurement(), target=0.1)
+    before = bench.u[-1]
+    assert bench.state is State.SLOW
+    assert bench.step(Measurement(), target=0.3) == pytest.approx(before + 0.25, abs=1e-9)  # of 1 N a step
+    assert bench.step(Measurement(), target=0.05) == pytest.approx(bench.u[-2] - 0.75, abs=0.05)
+
+
+def test_a_target_of_nothing_needs_no_frame():
+    bench = Bench()
+    for _ in range(8):
+        bench.step()
+    for _ in range(4):
+        bench.step(Measurement(), target=0.0)
+    assert bench.u[-1] == 0.0
+
+
+def test_what_presses_at_rest_is_pulled_off():
+    bench = Bench(d=-0.5)  # 0.05 N at u = 0
+    for _ in range(8):
+        bench.step()
+    for _ in range(8):
+        bench.step(target=0.0)
+    assert min(bench.forces[-8:]) < 0.005
+    assert min(bench.u) >= CONFIG.u_min
+
+
+def test_two_frames_far_beyond_a_limit_release():
+    bench = Bench()
+    for _ in range(8):
+        bench.step()
+    bench.step(Measurement(picture(0), reading(0.55)))
+    assert bench.state is State.NORMAL
+    bench.step(Measurement(picture(1), reading(0.55)))
+    assert bench.state is State.RELEASE
+    assert "beyond its limit" in bench.adaptive.log[-1].cause
+
+
+@unhurried
+@given(st.lists(st.tuples(targets, measurements()), max_size=40))
+def test_nothing_seen_makes_it_leave_its_limits(steps):
+    adaptive, before = Adaptive(CONFIG), 0.0
+    for target, measurement in steps:
+        u = adaptive.step(target, measurement)
+        assert CONFIG.u_min <= u <= CONFIG.u_max  # false for NaN too
+        assert abs(u - before) <= CONFIG.step + ROUND_OFF
+        if adaptive.state is State.HOLD and target >= 0.005:
+            assert u <= before
+        if adaptive.state is State.RELEASE:
+            assert abs(u) <= abs(before)
+        before = u
+
+
+@unhurried
+@given(st.lists(st.tuples(targets, measurements()), max_size=30))
+def test_blinded_for_good_it_ends_at_no_actuation_in_a_stated_time(steps):
+    adaptive = Adaptive(CONFIG)
+    for target, measurement in steps:
+        adaptive.step(target, measurement)
+    unseen = adaptive.authority.release_seconds + CONFIG.u_max / CONFIG.rate
+    for _ in range(math.ceil(unseen / CONFIG.period) + 1):
+        last = adaptive.step(TARGET, Measurement())
+    assert last == 0.0
+
+
+def test_reset_forgets_and_a_target_that_is_no_number_is_refused():
+    bench = Bench()
+    for _ in range(30):
+        bench.step(Measurement())
+    bench.adaptive.reset()
+    assert (bench.adaptive.state, bench.adaptive.log) == (State.NORMAL, [])
+    np.testing.assert_array_equal(bench.adaptive.observer.state, [1.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="target: expected a finite"):
+        bench.step(target=math.nan)
