@@ -29,8 +29,8 @@ SHIPPED_MODELS = {
 """The networks that come with the package, by the system that they are for."""
 
 NAMED_MODELS = {name: _MODELS / f"{name}.onnx" for name in ("index-control", "index-photo")}
-"""Further networks that come with the package, by the name that options call them by: for closed loops, with u
-beside the picture, and for photographs."""
+"""Further networks that come with the package, by the name that options call them by: for closed loops, with
+u beside the picture, and for photographs."""
 
 SHIPPED = "shipped"
 """What options call the network of the package for the system at hand."""
