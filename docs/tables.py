@@ -95,7 +95,7 @@ def photograph_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
                 f"{of['r_net']:.3f}",
                 f"{1e3 * of['rmse_net']:.0f}",
                 f"{of['r_zones']:.3f}",
-                f"{of['r_last']:.2f}",
+                f"{of['r_last']:.2f}".replace("-0.00", "0.00"),
             ),
             *(f"{100 * of['held']:.0f}", f"{100 * of['flagged']:.0f}"),
             *("–" if of[name] is None else f"{of[name]:.2f}" for name in ("auroc", "auroc_width")),
