@@ -111,6 +111,7 @@ def measure(model: Path, folder: Path) -> dict[str, Any]:
             "r_net": round(scores.sums[0].r, 4),
             "rmse_net": round(scores.sums[0].rmse, 4),
             "r_zones": round(scores.r.mean, 4),
+            "r_last": round(scores.outputs[-1].r, 4),
             "held": round(float(held[above].mean()), 3),
             "held_all": round(float(held.mean()), 3),
             "flagged": round(float(np.mean(reading.ood_score > 1)), 3),

@@ -77,7 +77,16 @@ def onnx_table(path: Path) -> str:
 
 def photograph_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
     """Every network on every kind of picture."""
-    head = ("network", "pictures", "F_net r", "F_net RMSE [mN]", "zones r", "inside 90 % [%]", "flagged [%]")
+    head = (
+        "network",
+        "pictures",
+        "F_net r",
+        "F_net RMSE [mN]",
+        "zones r",
+        "C7 r",
+        "inside [%]",
+        "flagged [%]",
+    )
     rows = [
         (
             *(
@@ -86,6 +95,7 @@ def photograph_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
                 f"{of['r_net']:.3f}",
                 f"{1e3 * of['rmse_net']:.0f}",
                 f"{of['r_zones']:.3f}",
+                f"{of['r_last']:.2f}".replace("-0.00", "0.00"),
             ),
             *(f"{100 * of['held']:.0f}", f"{100 * of['flagged']:.0f}"),
             *("–" if of[name] is None else f"{of[name]:.2f}" for name in ("auroc", "auroc_width")),

@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
 from schemas import published_schema
 
-from exosight.control.estimator import OnnxEstimator
+from exosight.control.estimator import NAMED_MODELS, OnnxEstimator, model_path
 from exosight.errors import DataError, InputError
 from exosight.learning.model_file import card_to_metadata, seal
+from exosight.system.schema import network_difference
 
 with_files = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -194,3 +195,11 @@ def test_large_images_are_answered_in_smaller_groups():
         OnnxEstimator(Session(), made_up(height, width)).read(np.zeros((5, height, width), np.uint8))
         assert sum(counts) == 5
         assert max(counts) == min(5, largest)
+
+
+def test_networks_by_name_fit_their_system() -> None:
+    for name, path in NAMED_MODELS.items():
+        assert model_path(Path(name), "index") == path
+        named, shipped = OnnxEstimator.load(path).card, OnnxEstimator.load(model_path(None, "index")).card
+        assert network_difference(named.schema, shipped.schema) is None
+    assert model_path(Path("other.onnx"), "index") == Path("other.onnx")

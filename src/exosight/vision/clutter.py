@@ -112,6 +112,6 @@ def _put_thing(rng: Rng, surface: Plane) -> None:
         turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
         mask = polygon_mask(own @ turn + at, shape)
         light = 1 + texture(rng, shape, BACKGROUNDS, 0.5)
-    shift, blur = rng.uniform(-0.03, 0.03, 2) * width, rng.uniform(0.3, 3.0)
-    surface *= 1 - np.float32(rng.uniform(0, 0.7) / 255) * moved(mask, *shift, blur)
+    (right, down), blur = (rng.uniform(-0.03, 0.03, 2) * width).tolist(), rng.uniform(0.3, 3.0)
+    surface *= 1 - np.float32(rng.uniform(0, 0.7) / 255) * moved(mask, right, down, blur)
     cover_with(surface, mask, np.clip(np.float32(rng.uniform(0.03, 0.95)) * light, 0, 1))

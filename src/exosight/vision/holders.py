@@ -85,7 +85,8 @@ def blocks(
             ]
         )
         mask = polygon_mask(project(camera, corners), (camera.height, camera.width))
-        slope = np.linspace(*rng.uniform(0.6, 1.0, 2), camera.height, dtype=np.float32)[:, None]
+        upper, lower = rng.uniform(0.6, 1.0, 2).tolist()
+        slope = np.linspace(upper, lower, camera.height, dtype=np.float32)[:, None]
         shade = np.broadcast_to(np.float32(rng.uniform(0.03, 0.95)) * slope, mask.shape)
         (before if front else behind).append((mask, shade))
     return behind, before
