@@ -121,11 +121,6 @@ class FrameCheck:
         """The command that was sent last [the channel's unit]."""
         return self._past[-1]
 
-    @property
-    def same(self) -> int:
-        """How often the last picture has come again."""
-        return self._same
-
     def sent(self, u: float, times: int = 1) -> None:
         """Take note of a command, for so many periods."""
         self._past.extend([u] * min(times, _HISTORY))
