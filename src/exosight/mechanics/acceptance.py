@@ -16,7 +16,7 @@ from exosight.mechanics.metric import Metric
 LONGEST = 0.06
 """Longest step along a branch, relative to `Metric.range`."""
 
-ROUGH = 3e-4
+ROUGH = 1e-4
 """Residual of points on the way, where nobody has asked for the equilibrium …"""
 
 ROUGH_LANDING = 1e-5
