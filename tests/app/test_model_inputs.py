@@ -123,12 +123,13 @@ def test_commands_that_show_one_image_refuse_it(
     paths: Data, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Callable[..., str]
 ) -> None:
     monkeypatch.setattr("exosight.control.estimator.open_model", lambda path, threads: (None, card(paths)))
-    for words in (
-        ("estimate", tmp_path / "image.png"),
-        ("stress", "--episodes", 1),
+    for words, expected in (
+        (("estimate", tmp_path / "image.png"), "alone"),
+        (("stress", "--episodes", 1), "with or without commands"),
     ):
         sentence = refused(*words, "--model", tmp_path / "model.onnx")
-        assert "expected a network that reads one image alone, got one that asks for history 2" in sentence
+        assert "expected a network that reads one image" in sentence
+        assert f"{expected}, got one that asks for history 2" in sentence
 
 
 def test_the_paper_network_is_refused(data: Path, tmp_path: Path, refused: Callable[..., str]) -> None:

@@ -49,7 +49,7 @@ def network(rig: tuple[Path, np.ndarray], monkeypatch: pytest.MonkeyPatch) -> li
         value = np.array([[answers.pop(0)]], np.float32)
         return Reading(value, value - HALF, value + HALF, value / value, np.zeros(1, np.float32))
 
-    made = SimpleNamespace(card=made_up(96, 112, schema=schema), read=read)
+    made = SimpleNamespace(card=made_up(96, 112, schema=schema), read=read, crop=None)
     monkeypatch.setattr(OnnxEstimator, "load", lambda *_, **__: made)
     return answers
 

@@ -20,6 +20,7 @@ from exosight.control.stress.measures import Measured, attained, measure_episode
 from exosight.control.stress.oracle import run_oracle
 from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
+from exosight.errors import InputError
 from exosight.evaluation import Column, Table
 from exosight.evaluation.figures import to_bytes
 from exosight.exosuit.published import PublishedDesigns
@@ -51,6 +52,11 @@ def prepare(
     if model is None:
         return stress_plants(designs, None, sensor, channel), true_sensor
     estimator = OnnxEstimator.load(model, threads=2)
+    if estimator.card.history:
+        raise InputError(
+            f"{model}: expected a network that reads one image, with or without commands, got one that asks "
+            f"for history {estimator.card.history}; choose another network"
+        )
     camera = camera_for(designs, estimator) if isinstance(designs, PublishedDesigns) else None
     plants = stress_plants(designs, camera, sensor, channel)
     estimator.card.check_fits(plants.nominal.schema, "system")

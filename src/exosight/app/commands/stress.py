@@ -34,7 +34,7 @@ def stress(
 
     Examples:
       exosight stress --episodes 100
-      exosight stress --system index --controllers oracle adaptive --gains --model index-control
+      exosight stress --system index --controllers oracle adaptive --gains
       exosight stress --model results/light/model.onnx --out results/stress
       exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --no-wrong-plant
 
