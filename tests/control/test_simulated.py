@@ -87,7 +87,7 @@ def test_where_no_stable_pose_is_found_the_last_one_stays():
     stopped = plant.apply(np.array([6.0]))
     assert not stopped.converged
     assert 0 < stopped.commands[0] < 6.0
-    # In steps, as limits on its rate have it: at once, the way back may take more evaluations than one load has.
+    # In steps, as a limited rate has it: at once, the way back may take more evaluations than one load has.
     back = [plant.apply(share * stopped.commands) for share in np.linspace(0.95, 0.5, 10)][-1]
     assert back.converged
     assert back.commands == 0.5 * stopped.commands
