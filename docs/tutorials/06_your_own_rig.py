@@ -82,8 +82,10 @@ class Rig:
 
     def look(self):
         """The valve follows its line, the rig comes to rest, the camera looks."""
-        if select.select([self._serial], [], [], 1.0)[0]:  # it may take a moment
+        wait = 1.0  # a line may take a moment …
+        while select.select([self._serial], [], [], wait)[0]:
             self.valve.take(os.read(self._serial, 4096))
+            wait = 0.05  # … and another may follow
         self.set_pressure(float(np.interp(self.valve.value, VOLTS, KILOPASCALS)))
         return self.picture()
 
