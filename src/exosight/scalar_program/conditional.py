@@ -6,15 +6,18 @@ choice is added to becomes part of the block, in the place of what it is added t
 skipped, that stays as it was.
 """
 
-from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
-from heapq import heapify, heappop, heappush
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from heapq import heappop, heappush
 from typing import NamedTuple
 
 from exosight.scalar_program.operations import Op
 
 LEAST = 12
 """Operations that pay for asking whether to skip them: a processor may guess the answer wrong."""
+
+ALWAYS = -1
+"""In the place of a condition: before all others."""
 
 SUMS = (Op.ADD, Op.SUB, Op.DOT, Op.MULTIPLY_ADD, Op.NEGATIVE_MULTIPLY_ADD)
 
@@ -56,34 +59,40 @@ def arrange(
     one        number of the value 1
     """
     own, additions = _additions(op, args, known, own, one)
-    users: dict[int, set[int]] = defaultdict(set)
-    for i in own:
-        for a in args[i]:
-            users[a].add(i)
     here = set(own)
+    uses = Counter(a for i in own for a in set(args[i]))
     additions = {
         i: addition
         for i, addition in additions.items()
         if addition.to in here
         and addition.to not in kept
-        and users[addition.to] == {i}
+        and uses[addition.to] == 1
         and args[i].count(addition.to) == 1
     }
-    need = _needed(op, args, own, kept, additions)
     size = {i: len(args[i]) // 2 if op[i] == Op.DOT else 1 for i in own}
+    conditions, need = _needed(op, args, own, kept, additions)
     weight: Counter[int] = Counter()
+    alike: Counter[int] = Counter()
     for i in own:
-        for c in need[i]:
-            weight[c] += size[i]
-        if i in additions:
-            weight[additions[i].condition] += size[i]
-    guard: dict[int, int | None] = {}
-    for i in own:
-        # That which least depends on holds most rarely.
-        guard[i] = min((c for c in need[i] if weight[c] >= LEAST), key=lambda c: (weight[c], c), default=None)
+        alike[need[i]] += size[i]
+    for bits, total in alike.items():
+        for c in _of(bits, conditions):
+            weight[c] += total
+    for i, addition in additions.items():
+        weight[addition.condition] += size[i]
+    # That which least depends on holds most rarely.
+    rarest = {
+        bits: min(
+            (c for c in _of(bits, conditions) if weight[c] >= LEAST),
+            key=lambda c: (weight[c], c),
+            default=None,
+        )
+        for bits in alike
+    }
+    guard = {i: rarest[need[i]] for i in own}
     additions = {i: addition for i, addition in additions.items() if weight[addition.condition] >= LEAST}
     guard |= {i: addition.condition for i, addition in additions.items()}
-    blocks = _blocks(args, own, guard, users)
+    blocks = _blocks(args, own, guard)
     for at, (_, values) in enumerate(blocks):
         # What another block of the same condition left out must not be added.
         if sum(size[i] for i in values) < LEAST and additions.keys().isdisjoint(values):
@@ -181,58 +190,89 @@ def _needed(
     own: Sequence[int],
     kept: Collection[int],
     additions: Mapping[int, _Addition],
-) -> dict[int, frozenset[int]]:
-    """The conditions without any of which nobody needs a value."""
-    none: frozenset[int] = frozenset()
-    need = dict.fromkeys(kept, none)
+) -> tuple[list[int], list[int]]:
+    """Conditions, and of every value those without any of which nobody needs it, as bits of a number."""
+    conditions: list[int] = []
+    bit: dict[int, int] = {}
+
+    def bit_of(condition: int) -> int:
+        if condition not in bit:
+            bit[condition] = 1 << len(conditions)
+            conditions.append(condition)
+        return bit[condition]
+
+    every = -1  # of what nobody has asked for yet
+    need = [every] * len(op)
+    for i in kept:
+        need[i] = 0
     for i in reversed(own):
-        if i not in need:
-            need[i] = none  # a choice of no use any more
-        need[i] -= {i}
-        for a in set(args[i]):
-            only = need[i]
-            if i in additions:
-                if a != additions[i].to:
-                    only = only | {additions[i].condition}
-            elif op[i] == Op.SELECT and a == args[i][1] and args[i].count(a) == 1:
-                only = only | {args[i][0]}
-            need[a] = need[a] & only if a in need else only
-    return need
+        only = need[i]
+        if only == every:
+            only = 0  # a choice of no use any more
+        elif i in bit:
+            only &= ~bit[i]
+        need[i] = only
+        operands = args[i]
+        if i in additions:
+            always, within = additions[i].to, only | bit_of(additions[i].condition)
+            for a in operands:
+                need[a] &= only if a == always else within
+        elif op[i] == Op.SELECT and operands.count(operands[1]) == 1:
+            condition, chosen, other = operands
+            need[condition] &= only
+            need[chosen] &= only | bit_of(condition)
+            need[other] &= only
+        else:
+            for a in operands:
+                need[a] &= only
+    return conditions, need
 
 
-def _blocks(
-    args: list[tuple[int, ...]],
-    own: Sequence[int],
-    guard: Mapping[int, int | None],
-    users: Mapping[int, Collection[int]],
-) -> list[Block]:
+def _of(bits: int, conditions: Sequence[int]) -> Iterator[int]:
+    """The conditions that the bits of a number stand for."""
+    while bits:
+        yield conditions[(bits & -bits).bit_length() - 1]
+        bits &= bits - 1
+
+
+def _blocks(args: list[tuple[int, ...]], own: Sequence[int], guard: Mapping[int, int | None]) -> list[Block]:
     """What is always needed, as far as it can be computed, then the first block that can be; and so on."""
     place = {i: at for at, i in enumerate(own)}
-    waits = {i: len({a for a in args[i] if a in place}) for i in own}
-    later: dict[int, list[int]] = defaultdict(list)
-    for i in own:
-        condition = guard[i]
-        if condition in place and condition not in args[i]:
-            later[condition].append(i)
-            waits[i] += 1
-    ready: dict[int | None, list[int]] = defaultdict(list)
-    for i in own:
-        if not waits[i]:
-            ready[guard[i]].append(place[i])
+    waits = [0] * len(own)
+    users: list[list[int]] = [[] for _ in own]
+    for at, i in enumerate(own):
+        before = {place[a] for a in (*args[i], guard[i]) if a in place}
+        waits[at] = len(before)
+        for one in before:
+            users[one].append(at)
+    # In the order of conditions: sums over them are in this order, so that one block does for all.
+    conditions = (guard[i] for i in own)
+    group = [ALWAYS if condition is None else condition for condition in conditions]
+    ready: dict[int, list[int]] = {}
+    waiting: list[int] = []
+
+    def add(at: int) -> None:
+        if group[at] in ready:
+            heappush(ready[group[at]], at)
+        else:
+            ready[group[at]] = [at]
+            heappush(waiting, group[at])
+
+    for at, count in enumerate(waits):
+        if not count:
+            add(at)
     blocks = []
-    while ready:
-        # In the order of conditions: sums over them are in this order, so that one block does for all.
-        condition = None if None in ready else min(c for c in ready if c is not None)
-        block = Block(condition, [])
+    while waiting:
+        condition = heappop(waiting)
         queue = ready[condition]
-        heapify(queue)
+        values = []
         while queue:
-            i = own[heappop(queue)]
-            block.values.append(i)
-            for user in (*users.get(i, ()), *later.get(i, ())):
+            at = heappop(queue)
+            values.append(own[at])
+            for user in users[at]:
                 waits[user] -= 1
                 if not waits[user]:
-                    heappush(ready[guard[user]], place[user])
+                    add(user)
         del ready[condition]
-        blocks.append(block)
+        blocks.append(Block(None if condition == ALWAYS else condition, values))
     return blocks
