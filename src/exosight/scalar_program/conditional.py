@@ -16,6 +16,10 @@ from exosight.scalar_program.operations import Op
 LEAST = 12
 """Operations that pay for asking whether to skip them: a processor may guess the answer wrong."""
 
+CLOSE = 200
+"""Places by which operations of one kind are moved together: a processor guesses the next kind wrong, but what
+is computed long before its use leaves the cache."""
+
 ALWAYS = -1
 """In the place of a condition: before all others."""
 
@@ -92,7 +96,7 @@ def arrange(
     guard = {i: rarest[need[i]] for i in own}
     additions = {i: addition for i, addition in additions.items() if weight[addition.condition] >= LEAST}
     guard |= {i: addition.condition for i, addition in additions.items()}
-    blocks = _blocks(args, own, guard)
+    blocks = _blocks(op, args, own, guard)
     for at, (_, values) in enumerate(blocks):
         # What another block of the same condition left out must not be added.
         if sum(size[i] for i in values) < LEAST and additions.keys().isdisjoint(values):
@@ -235,8 +239,13 @@ def _of(bits: int, conditions: Sequence[int]) -> Iterator[int]:
         bits &= bits - 1
 
 
-def _blocks(args: list[tuple[int, ...]], own: Sequence[int], guard: Mapping[int, int | None]) -> list[Block]:
-    """What is always needed, as far as it can be computed, then the first block that can be; and so on."""
+def _blocks(
+    op: list[int], args: list[tuple[int, ...]], own: Sequence[int], guard: Mapping[int, int | None]
+) -> list[Block]:
+    """What is always needed, as far as it can be computed, then the first block that can be; and so on.
+
+    Within a block, operations of one kind follow each other as far as they stand close to each other.
+    """
     place = {i: at for at, i in enumerate(own)}
     waits = [0] * len(own)
     users: list[list[int]] = [[] for _ in own]
@@ -248,15 +257,15 @@ def _blocks(args: list[tuple[int, ...]], own: Sequence[int], guard: Mapping[int,
     # In the order of conditions: sums over them are in this order, so that one block does for all.
     conditions = (guard[i] for i in own)
     group = [ALWAYS if condition is None else condition for condition in conditions]
-    ready: dict[int, list[int]] = {}
+    kind = [(op[i], len(args[i])) for i in own]
+    ready: dict[int, dict[tuple[int, int], list[int]]] = {}
     waiting: list[int] = []
 
     def add(at: int) -> None:
-        if group[at] in ready:
-            heappush(ready[group[at]], at)
-        else:
-            ready[group[at]] = [at]
+        if group[at] not in ready:
+            ready[group[at]] = {}
             heappush(waiting, group[at])
+        heappush(ready[group[at]].setdefault(kind[at], []), at)
 
     for at, count in enumerate(waits):
         if not count:
@@ -264,15 +273,20 @@ def _blocks(args: list[tuple[int, ...]], own: Sequence[int], guard: Mapping[int,
     blocks = []
     while waiting:
         condition = heappop(waiting)
-        queue = ready[condition]
-        values = []
-        while queue:
-            at = heappop(queue)
-            values.append(own[at])
-            for user in users[at]:
-                waits[user] -= 1
-                if not waits[user]:
-                    add(user)
+        kinds, values = ready[condition], []
+        while kinds:
+            first = min(kinds, key=lambda kind: kinds[kind][0])
+            alike = kinds[first]
+            end = alike[0] + CLOSE
+            while alike and alike[0] <= end:
+                at = heappop(alike)
+                values.append(own[at])
+                for user in users[at]:
+                    waits[user] -= 1
+                    if not waits[user]:
+                        add(user)
+            if not alike:
+                del kinds[first]
         del ready[condition]
         blocks.append(Block(None if condition == ALWAYS else condition, values))
     return blocks

@@ -219,6 +219,8 @@ def _look_up(b: Builder, index: Value, slots: Value, size: Value, place: Value) 
 
 
 def _arity(op: Op) -> int:
+    if op == Op.DIFFERENCE:
+        return 4
     if op in (Op.SELECT, Op.MULTIPLY_ADD, Op.NEGATIVE_MULTIPLY_ADD):
         return 3
     one = op in LIBRARY and op not in (Op.POW, Op.ATAN2)
@@ -255,6 +257,8 @@ def _result(b: Builder, op: Op, x: list[Value]) -> Value:
         return _multiply_add(b, *x)
     if op == Op.NEGATIVE_MULTIPLY_ADD:
         return _multiply_add(b, b.fneg(x[0]), x[1], x[2])
+    if op == Op.DIFFERENCE:
+        return _multiply_add(b, b.fneg(x[2]), x[3], b.fmul(x[0], x[1]))
     if op in INTRINSIC:
         return _call(b, f"llvm.{INTRINSIC[op]}.v{lanes}f64", x)
     result = ir.Constant(vector, ir.Undefined)

@@ -8,7 +8,8 @@ import numpy as np
 class Op(IntEnum):
     """An operation of the interpreter; comparisons give 1.0 or 0.0.
 
-    SKIP leaves out the code of a block unless a number is not zero in one of the samples.
+    DIFFERENCE is a b − c d. SKIP leaves out the code of a block unless a number is not zero in one of the
+    samples.
     """
 
     ADD = 0
@@ -52,6 +53,7 @@ class Op(IntEnum):
     LOOKUP = 38
     TRUNC = 39
     SKIP = 40
+    DIFFERENCE = 41
     CONSTANT = -1
     INPUT = -2
 

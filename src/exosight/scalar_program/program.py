@@ -100,14 +100,14 @@ def _live(op: list[int], args: list[tuple[int, ...]], stages: Sequence[Stage]) -
 def _fuse(
     op: list[int], args: list[tuple[int, ...]], level: list[int], live: list[int], uses: Counter, one: int
 ) -> list[int]:
-    """Products that only one sum uses become part of it; what is left of `live`."""
-    products = {i for i in live if op[i] == Op.MUL and uses[i] == 1}
+    """Products, and sums of products, that only one sum uses become part of it; what is left of `live`."""
+    single = {i for i in live if uses[i] == 1}
     gone = set()
     for i in live:
-        own = products.intersection(args[i]) if op[i] in (Op.ADD, Op.SUB, Op.DOT) else ()
-        own = [a for a in own if level[a] == level[i]]
-        if not own:
+        if op[i] not in (Op.ADD, Op.SUB, Op.DOT):
             continue
+        alike = {a for a in args[i] if a in single and level[a] == level[i]}
+        own = {a for a in alike if op[a] == Op.MUL}
         if op[i] == Op.DOT:
             summands: list[int] = []
             for a, b in zip(args[i][::2], args[i][1::2], strict=True):
@@ -118,13 +118,21 @@ def _fuse(
             args[i] = tuple(summands)
             continue
         a, b = args[i]
-        if b in own:
-            fused = Op.MULTIPLY_ADD if op[i] == Op.ADD else Op.NEGATIVE_MULTIPLY_ADD
-            gone.add(b)
-            op[i], args[i] = int(fused), (*args[b], a)
-        elif op[i] == Op.ADD:
+        if b not in own:
+            if a not in own or op[i] == Op.SUB:
+                continue
+            a, b = b, a
+        gone.add(b)
+        x, y = args[b]
+        if a in alike and op[i] == Op.ADD and op[a] in (Op.MUL, Op.DOT):
             gone.add(a)
-            op[i], args[i] = int(Op.MULTIPLY_ADD), (*args[a], b)
+            op[i], args[i] = int(Op.DOT), (*args[a], x, y)
+        elif a in own:
+            gone.add(a)
+            op[i], args[i] = int(Op.DIFFERENCE), (*args[a], x, y)
+        else:
+            fused = Op.MULTIPLY_ADD if op[i] == Op.ADD else Op.NEGATIVE_MULTIPLY_ADD
+            op[i], args[i] = int(fused), (x, y, a)
     return [i for i in live if i not in gone]
 
 
