@@ -9,7 +9,7 @@ skipped, that stays as it was.
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
-from typing import NamedTuple
+from typing import NamedTuple, no_type_check
 
 from exosight.scalar_program.operations import Op
 
@@ -17,8 +17,11 @@ LEAST = 12
 """Operations that pay for asking whether to skip them: a processor may guess the answer wrong."""
 
 CLOSE = 200
-"""Places by which operations of one kind are moved together: a processor guesses the next kind wrong, but what
-is computed long before its use leaves the cache."""
+"""Places by which operations of one kind are moved together: a processor guesses the next kind wrong, but
+what is computed long before its use leaves the cache."""
+
+# Functions that are called for every operation are not checked at run time by the tests, which would take
+# longer than what they do.
 
 ALWAYS = -1
 """In the place of a condition: before all others."""
@@ -104,6 +107,7 @@ def arrange(
     return Arranged(blocks, {i: addition.to for i, addition in additions.items()})
 
 
+@no_type_check
 def _additions(
     op: list[int],
     args: list[tuple[int, ...]],
@@ -143,6 +147,7 @@ def _additions(
     return result, additions
 
 
+@no_type_check
 def _split(
     op: list[int],
     args: list[tuple[int, ...]],
@@ -176,6 +181,7 @@ def _split(
         total = into
 
 
+@no_type_check
 def _sum(values: Sequence[int], total: int | None, one: int) -> tuple[Op, tuple[int, ...]]:
     """A sum of products of pairs of values, and of a total."""
     if total is None:
@@ -188,6 +194,7 @@ def _sum(values: Sequence[int], total: int | None, one: int) -> tuple[Op, tuple[
     return Op.MULTIPLY_ADD, (a, b, total)
 
 
+@no_type_check
 def _needed(
     op: list[int],
     args: list[tuple[int, ...]],
@@ -239,6 +246,7 @@ def _of(bits: int, conditions: Sequence[int]) -> Iterator[int]:
         bits &= bits - 1
 
 
+@no_type_check
 def _blocks(
     op: list[int], args: list[tuple[int, ...]], own: Sequence[int], guard: Mapping[int, int | None]
 ) -> list[Block]:
