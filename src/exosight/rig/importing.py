@@ -72,7 +72,7 @@ class ImportConfig:
     own or the nearest such"""
     images: str | None = None
     """of a .mat file, the variable with the pictures; by default the only one of three or four dimensions. Of
-    recordings of ROS the topic of the pictures, of a LeRobot dataset their feature; by default the only one"""
+    recordings of ROS the topic of the pictures, of a LeRobot dataset their feature; default: the only one"""
     order: str | None = None
     """of a .mat file, the order of its dimensions, such as HWN or NHW; by default as the readings say"""
 

@@ -23,12 +23,14 @@ from exosight.files import open_file
 from exosight.rig.lerobot_tables import (
     DatasetFrames,
     Info,
+    finite,
     parquet_files,
     read_columns,
     read_frames_of,
     read_info,
     readable,
     reading_table,
+    whole,
 )
 from exosight.rig.pictures import Gray, upper_bits
 from exosight.rig.table import ReadingTable
@@ -173,23 +175,30 @@ def _shown(
         start = np.zeros(len(episodes))
     else:
         fields = [f"videos/{key}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]
-        parts = read_columns(
-            parquet_files(root / "meta" / "episodes"), dict.fromkeys(("episode_index", *fields), 1)
-        )
-        said = {
-            int(row[0]): row[1:]
-            for part in parts
-            for row in np.column_stack([part[name] for name in ("episode_index", *fields)]).tolist()
-        }
-        missing = [episode for episode in episodes.tolist() if episode not in said]
-        if missing:
+        said = _episodes(root, ["episode_index", *fields])
+        missing = np.setdiff1d(episodes, said[0])
+        if len(missing):
             raise DataError(f"{root / 'meta' / 'episodes'}: expected episode {missing[0]}, got none of that")
-        rows = [said[episode] for episode in episodes.tolist()]
-        places = [f"{key}/chunk-{int(chunk):03d}/file-{int(file):03d}.mp4" for chunk, file, _ in rows]
-        start = np.array([first for *_, first in rows])
+        _, first = np.unique(said[0], return_index=True)
+        _, chunk, number, start = (values[first][np.isin(said[0][first], episodes)] for values in said)
+        pairs = zip(chunk.tolist(), number.tolist(), strict=True)
+        places = [f"{key}/chunk-{chunk:03d}/file-{file:03d}.mp4" for chunk, file in pairs]
     files = list(dict.fromkeys(places))
-    number = np.array([files.index(place) for place in places])
+    of = {place: k for k, place in enumerate(files)}
+    number = np.array([of[place] for place in places])
     return [root / "videos" / place for place in files], number[own], start[own] + frames.time
+
+
+def _episodes(root: Path, fields: list[str]) -> list[np.ndarray]:
+    """Columns of `meta/episodes`: whole numbers, the last one times [s]."""
+    files = parquet_files(root / "meta" / "episodes")
+    parts = read_columns(files, dict.fromkeys(fields, 1))
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in fields}
+    *numbers, times = fields
+    return [
+        *(whole(columns[name], files[0], name) for name in numbers),
+        finite(columns[times], files[0], times),
+    ]
 
 
 def _stored(key: str) -> Callable[[Path], Generator[tuple[float, Decode]]]:

@@ -24,6 +24,7 @@ PLACES = ("timestamp", "frame_index", "episode_index", "index", "task_index")
 _LARGEST_INFO = 16 * 2**20  # bytes
 _MOST_FRAMES = 2_000_000
 _MOST_VALUES = 64  # of one feature
+_LARGEST_INDEX = 10**9
 
 
 @checked(frozen=True)
@@ -117,24 +118,24 @@ def read_frames_of(root: Path, info: Info) -> DatasetFrames:
     parts = read_columns(files, counts)
     columns = {name: np.concatenate([part[name] for part in parts]) for name in counts}
     sizes = [len(part["timestamp"]) for part in parts]
-    episode, frame = (columns[name][:, 0] for name in ("episode_index", "frame_index"))
-    for name, places in (("episode_index", episode), ("frame_index", frame)):
-        if not (np.all(places >= 0) and np.all(places < 1e9) and np.all(places == np.rint(places))):
-            raise DataError(f"{files[0]}: expected whole numbers from 0 as {name}")
+    if not sum(sizes):
+        raise DataError(f"{root / 'data'}: expected frames, got none")
+    episode, frame = (whole(columns[name], files[0], name) for name in ("episode_index", "frame_index"))
+    time = finite(columns["timestamp"], files[0], "timestamp")
     order = np.lexsort((frame, episode))
     return DatasetFrames(
         files,
         np.repeat(np.arange(len(files)), sizes)[order],
         np.concatenate([np.arange(size) for size in sizes])[order],
-        episode.astype(np.int64)[order],
-        frame.astype(np.int64)[order],
-        columns["timestamp"][order, 0],
+        episode[order],
+        frame[order],
+        time[order],
         {name: columns[name][order] for name in readings},
     )
 
 
 def parquet_files(folder: Path) -> tuple[Path, ...]:
-    """The Parquet files of all chunks in a folder, in the order of their names; DataError if there are none."""
+    """The Parquet files of all chunks in a folder by their names; DataError if there are none."""
     found = sorted(folder.glob("*/*.parquet"), key=lambda path: natural_order(path.as_posix()))
     if not found:
         raise DataError(f"{folder}: expected chunk-000 and others with Parquet files, got none")
@@ -160,31 +161,44 @@ def read_columns(files: Sequence[Path], counts: dict[str, int]) -> list[dict[str
 
 
 def _numbers(column: Any, count: int) -> np.ndarray:
-    """The numbers of a column, a row each; ValueError for rows of another length."""
-    rows = len(column)
-    if column.null_count:
-        raise ValueError("empty cells")
-    for _ in range(4):  # lists of lists, for features of several dimensions
-        if not hasattr(column.type, "value_type"):
-            break
-        column = column.combine_chunks().flatten()
-    numbers = np.asarray(column.to_numpy(zero_copy_only=False), np.float64)
-    return numbers.reshape(rows, count)
+    """The numbers of a column, (rows, numbers a row); ValueError for rows of another length."""
+    import pyarrow.compute as compute
+
+    rows, values = len(column), column.combine_chunks()
+    while hasattr(values.type, "value_type"):  # a list of lists, for features of several dimensions
+        lengths = compute.list_value_length(values).unique().to_pylist()
+        if values.null_count or len(lengths) > 1:
+            raise ValueError("rows of several lengths")
+        values = values.flatten()
+    return np.asarray(values.to_numpy(zero_copy_only=False), np.float64).reshape(rows, count)
+
+
+def whole(column: np.ndarray, path: Path, name: str) -> Int64[np.ndarray, " rows"]:
+    """Whole numbers from 0; DataError for others."""
+    found = column[:, 0]
+    if not np.all((found >= 0) & (found < _LARGEST_INDEX) & (found == np.rint(found))):
+        raise DataError(f"{path}: expected whole numbers from 0 as {name}, got others")
+    return found.astype(np.int64)
+
+
+def finite(column: np.ndarray, path: Path, name: str) -> Float64[np.ndarray, " rows"]:
+    """Numbers; DataError where there is none."""
+    found = column[:, 0]
+    if not np.isfinite(found).all():
+        raise DataError(f"{path}: expected a number in each row as {name}, got none in some")
+    return found
 
 
 def reading_table(root: Path, info: Info, frames: DatasetFrames) -> ReadingTable:
     """A row a frame: its episode, its time, and the numbers of each feature."""
-    columns = {
-        "episode": [f"episode {episode}" for episode in frames.episode.tolist()],
-        "time [s]": [repr(time) for time in frames.time.tolist()],
-    }
+    episodes = (f"episode {episode}" for episode in frames.episode.tolist())
+    columns = [column_of("episode", episodes), column_of("time [s]", map(repr, frames.time.tolist()))]
     for name, values in frames.numbers.items():
         parts = [part for part in name.removeprefix("observation.").split(".") if part]
         for called, cells in zip(info.features[name].called, values.T.tolist(), strict=True):
-            columns[short_heading(parts, called)] = [repr(cell) for cell in cells]
-    found = tuple(column_of(head, cells) for head, cells in columns.items())
-    check_unique("columns", (column.name for column in found))
-    return ReadingTable(str(root), found)
+            columns.append(column_of(short_heading(parts, called), map(repr, cells)))
+    check_unique("columns", (column.name for column in columns))
+    return ReadingTable(str(root), tuple(columns))
 
 
 @contextmanager
