@@ -1,4 +1,4 @@
-"""Figure and tables of docs/identification.md, of what benchmarks.identification, refined and rig_network found."""
+"""Figure and tables of docs/identification.md, of what its benchmarks found."""
 
 import json
 from collections.abc import Callable
