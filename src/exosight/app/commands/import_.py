@@ -27,9 +27,10 @@ def import_(
     Pictures are a folder of files, a video, a .mat file, a LeRobot dataset, or recordings of ROS (rosbag,
     rosbag2, MCAP), of which a folder may hold several. Readings are a CSV file whose headings have units,
     like "thumb [N]", the variables of the .mat file, the features of the LeRobot dataset, or what the
-    recordings hold: wrenches, pressures, joints and numbers; known units are converted to SI. The dataset is one like any other: exosight train, evaluate and export take it,
-    and live, replay, estimate and the lab take the network. It is divided by sequences, so that a network is
-    tested on recordings that it has not seen.
+    recordings hold: wrenches, pressures, joints and numbers; known units are converted to SI. The dataset is
+    one like any other: exosight train, evaluate and export take it, and live, replay, estimate and the lab
+    take the network. It is divided by sequences, so that a network is tested on recordings that it has not
+    seen.
 
     Pictures are stored as gray values. Stopped at any moment, the same command with --resume goes on.
 
