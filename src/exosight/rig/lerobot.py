@@ -229,7 +229,11 @@ def _video(path: Path) -> Generator[tuple[float, Decode]]:
     import av
 
     # MP4 alone, from an open file: FFmpeg also takes playlists, which lead to other files and hosts.
-    with readable(path), open_file(path, "expected a video") as file, av.open(file, format="mp4") as video:
+    with (
+        readable(path),
+        open_file(path, "expected a video") as file,
+        av.open(file, "r", format="mp4") as video,
+    ):
         (shown, *_) = video.streams.video
         if shown.width * shown.height > LARGEST_PICTURE:
             raise DataError(

@@ -162,12 +162,11 @@ def read_columns(files: Sequence[Path], counts: dict[str, int]) -> list[dict[str
 
 def _numbers(column: Any, count: int) -> np.ndarray:
     """The numbers of a column, (rows, numbers a row); ValueError for rows of another length."""
-    import pyarrow.compute as compute
-
     rows, values = len(column), column.combine_chunks()
     while hasattr(values.type, "value_type"):  # a list of lists, for features of several dimensions
-        lengths = compute.list_value_length(values).unique().to_pylist()
-        if values.null_count or len(lengths) > 1:
+        # Lists of one length by their type have no offsets.
+        lengths = np.diff(values.offsets.to_numpy()) if hasattr(values, "offsets") else np.zeros(1)
+        if values.null_count or len(np.unique(lengths)) > 1:
             raise ValueError("rows of several lengths")
         values = values.flatten()
     return np.asarray(values.to_numpy(zero_copy_only=False), np.float64).reshape(rows, count)
