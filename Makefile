@@ -62,7 +62,7 @@ dist: .venv/ready-test
 	@PYTHON="$(PYTHON)" sh tools/setup.sh train,lab
 
 .venv/ready-test: pyproject.toml constraints.txt
-	@PYTHON="$(PYTHON)" sh tools/setup.sh train,agents,cluster,compare,docs,gym,lab,ros,test
+	@PYTHON="$(PYTHON)" sh tools/setup.sh train,agents,cluster,compare,docs,gym,lab,lerobot,ros,test
 	@touch .venv/ready-train
 
 clean:

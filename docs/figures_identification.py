@@ -1,4 +1,4 @@
-"""Figure and table of docs/identification.md, of what `python -m benchmarks.identification` found."""
+"""Figure and tables of docs/identification.md, of what its benchmarks found."""
 
 import json
 from collections.abc import Callable
@@ -16,6 +16,7 @@ HERE = control.HERE
 PAGE, IMAGE = HERE / "identification.md", control.IMAGES / "identification.png"
 RESULT = HERE / "results" / "identification.json"
 REFINED = HERE / "results" / "refined.json"
+NETWORK = HERE / "results" / "rig_network.json"
 LEAST, TOUCH = 0.01, 0.001
 """Forces [N] that a zone must reach to have a correlation, and above which there is contact."""
 NORMAL_95 = 1.96
@@ -141,12 +142,48 @@ def refined_table(rows: list[Row]) -> str:
     return table_of(("", *heads), [[name, *values] for name, values in cells.items()])
 
 
+def network_table(rows: list[Row]) -> str:
+    """The shipped network and one of the identified rig, on rigs of each joint stiffness and all together."""
+    stiffnesses = list(dict.fromkeys(row["joints"] for row in rows))
+    sets = {
+        f"joints × {joints:g}": [row for row in rows if row["joints"] == joints] for joints in stiffnesses
+    }
+    cells: dict[str, list[str]] = {}
+    for chosen in (*sets.values(), rows):
+        true = np.array([row["true"] for row in chosen])
+        net, pressed = true.sum(axis=1), true.max(axis=0) > LEAST
+        for key in ("before", "after"):
+            found, low, high = (np.array([row[key][of] for row in chosen]) for of in ("force", "low", "high"))
+            r = [np.corrcoef(true[:, i], found[:, i])[0, 1] for i in np.flatnonzero(pressed)]
+            both = (true > TOUCH) | (found > TOUCH)
+            error = found.sum(axis=1) - net
+            score = np.array([row[key]["OOD score"] for row in chosen])
+            for name, value in (
+                ("r, mean over zones", f"{np.mean(r):.3f}"),
+                ("r of F_net", f"{np.corrcoef(net, found.sum(axis=1))[0, 1]:.3f}"),
+                ("RMSE of a zone [mN]", f"{1e3 * np.sqrt(np.mean((found - true) ** 2)):.1f}"),
+                ("RMSE of F_net [mN]", f"{1e3 * np.sqrt(np.mean(error**2)):.1f}"),
+                ("F_net estimated over true", f"{np.dot(found.sum(axis=1), net) / np.dot(net, net):.2f}"),
+                (
+                    "zones within 90 % intervals [%]",
+                    f"{100 * ((low <= true) & (true <= high))[both].mean():.0f}",
+                ),
+                ("flagged by the OOD score [%]", f"{100 * (score > 1).mean():.0f}"),
+            ):
+                cells.setdefault(name, []).append(value)
+    heads = [f"{name}: {key}" for name in (*sets, "all") for key in ("shipped", "own")]
+    lines = [[name, *values] for name, values in cells.items()]
+    return table_of(("", *heads), lines)
+
+
 def main() -> None:
     """Draw, and write the tables into the page."""
     rows = load()
     save(picture(rows), IMAGE)
     refined = json.loads(REFINED.read_text(encoding="utf-8"))["rows"]
-    fill(PAGE, {"rigs": table(rows), "refined": refined_table(refined)})
+    network = json.loads(NETWORK.read_text(encoding="utf-8"))["rows"]
+    tables = {"rigs": table(rows), "network": network_table(network), "refined": refined_table(refined)}
+    fill(PAGE, tables)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,9 @@ from closed_form import CARD, closed_form, write
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from onnx import TensorProto, helper, numpy_helper
-from schemas import published_schema
+from schemas import mixed_schema, published_schema
 
-from exosight.control.estimator import NAMED_MODELS, OnnxEstimator, model_path
+from exosight.control.estimator import DEFAULT_MODEL, NAMED_MODELS, SHIPPED_MODELS, OnnxEstimator, model_path
 from exosight.errors import DataError, InputError
 from exosight.learning.model_file import card_to_metadata, seal
 from exosight.system.schema import network_difference
@@ -203,3 +203,14 @@ def test_networks_by_name_fit_their_system() -> None:
         named, shipped = OnnxEstimator.load(path).card, OnnxEstimator.load(model_path(None, "index")).card
         assert network_difference(named.schema, shipped.schema) is None
     assert model_path(Path("other.onnx"), "index") == Path("other.onnx")
+
+
+def test_a_system_of_another_name_gets_the_network_of_its_sensors_and_cameras() -> None:
+    """As an identified rig does, whose loads may be in another unit."""
+    for name, path in SHIPPED_MODELS.items():
+        known = OnnxEstimator.load(path).card.schema
+        (channel,) = known.channels
+        renamed = replace(known, system="my_rig", channels=(replace(channel, unit="kPa"),))
+        assert model_path(None, renamed) == model_path(Path("shipped"), renamed) == path, name
+    assert model_path(None, published_schema(64, 64)) == DEFAULT_MODEL
+    assert model_path(None, replace(mixed_schema(), system="other")) == DEFAULT_MODEL

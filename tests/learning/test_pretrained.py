@@ -25,7 +25,7 @@ from exosight.learning.model_file import open_model, seal
 from exosight.learning.model_inputs import ModelInputs
 from exosight.learning.networks import ActuationEmbedding, Network, SensorModel, build_network
 from exosight.learning.outputs import nonnegative
-from exosight.learning.pretrained import Pretrained, first_weights
+from exosight.learning.pretrained import Pretrained, check_pretrained, first_weights
 from exosight.learning.recipes import RECIPES
 from exosight.system.schema import Schema
 
@@ -180,6 +180,21 @@ def test_a_run_is_taken_up_only_with_the_same_start(
     go(tmp_path / "stopped", pretrained=pretrained, resume=True)
     whole, stopped = (load_checkpoint(tmp_path / name).tensors for name in ("whole", "stopped"))
     assert all(torch.equal(whole[name], stopped[name]) for name in whole)
+
+
+def test_commands_in_another_unit_count_where_they_are_inputs_alone(
+    pretrained: Pretrained, trained: Path
+) -> None:
+    run = load_checkpoint(trained).run
+    (channel,) = run.schema.channels
+    other = replace(run, schema=replace(run.schema, channels=(replace(channel, unit="kPa"),)))
+    check_pretrained(pretrained, other)
+    driven = replace(pretrained, card=replace(pretrained.card, actuation=True))
+    with pytest.raises(InputError, match="expected unit N, got kPa"):
+        check_pretrained(driven, replace(other, settings=replace(run.settings, actuation=True)))
+    none = replace(run, schema=replace(run.schema, channels=()))
+    with pytest.raises(InputError, match="expected the channels u, got"):
+        check_pretrained(pretrained, none)
 
 
 def test_it_is_driven_less_hard() -> None:

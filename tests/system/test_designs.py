@@ -2,12 +2,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 import jax
+import numpy as np
 import pytest
 
+from exosight.control.trials import CONTROL_SHAPE
 from exosight.errors import InputError
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.index_file import index_values
 from exosight.system.designs import Design, DesignSet, FileDesigns
-from exosight.system.file import Values
-from exosight.system.system import stack_systems
+from exosight.system.file import Values, replaced
+from exosight.system.sensors import ContactForce, PlaceZone
+from exosight.system.system import System, stack_systems
 from exosight.system.units import split_quantity
 
 HEAD = 'name = "small"\n'
@@ -45,6 +50,35 @@ def test_draws_fill_the_limits_and_build(designs: FileDesigns) -> None:
 
 def test_the_file_itself_is_the_nominal_design(designs: FileDesigns) -> None:
     assert float(designs.build(designs.nominal()).robot["soft"].young) == 300e3  # type: ignore[union-attr]
+
+
+def test_zones_stay_at_their_shares_of_a_link_whose_length_varies() -> None:
+    """So the last zone stays on a finger that gets shorter."""
+    values = index_values(Exosuit(CONTROL_SHAPE))
+    entries = {f"links.finger_{i}.length": f"{0.03 + 0.01 * i!r} m" for i in range(4)}
+    vary = [{"entry": entry, "low": "10 mm", "high": "90 mm"} for entry in entries]
+    designs = FileDesigns({**values, "vary": vary})
+
+    def middles(system: System) -> np.ndarray:
+        (sensor,) = (each for each in system.sensors if each.spec.name == "C1")
+        assert isinstance(sensor, ContactForce)
+        assert isinstance(sensor.zone, PlaceZone)
+        return np.asarray(sensor.zone.middles)
+
+    def ends(table: Values) -> np.ndarray:
+        lengths = [split_quantity(link["length"], "")[0] for link in table["links"].values()]
+        return np.concatenate([[0], np.cumsum(lengths)])
+
+    nominal, other = designs.build(designs.nominal()), designs.build(Design(0, 0, 0, entries))
+    own, moved = ends(values), ends(replaced(values, entries))
+    # Both are one rounding of the same interpolation.
+    np.testing.assert_allclose(middles(other), np.interp(middles(nominal), own, moved), rtol=1e-12)
+    last = max(split_quantity(each["at"], "")[0] for each in values["sensors"].values() if "at" in each)
+    assert last > 0.9 * own[-1]
+    # An entry that varies itself is where the design says.
+    both = FileDesigns({**values, "vary": [*vary, {"entry": "sensors.C1.at", "low": "1 mm", "high": "2 mm"}]})
+    own_place = both.build(Design(0, 0, 0, {**entries, "sensors.C1.at": "1.5 mm"}))
+    assert np.isclose(middles(own_place), 1.5e-3, rtol=1e-12).sum() == 1
 
 
 def test_what_does_not_vary_is_refused(designs: FileDesigns) -> None:

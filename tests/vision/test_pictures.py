@@ -170,6 +170,10 @@ def test_pictures_of_16_bits_keep_their_higher_8(tmp_path: Path) -> None:
     picture = np.random.default_rng(0).integers(0, 2**16, (8, 8), np.uint16)
     for name in ("a.png", "a.tif"):
         assert np.array_equal(read_gray(write(tmp_path / name, picture), 8, 8), picture >> 8)
+        colours = np.repeat(picture[..., None], 3, axis=2)
+        # Weights of equal colours add up to 1; the sum is rounded.
+        found = read_gray(write(tmp_path / name, colours), 8, 8).astype(int)
+        assert np.abs(found - (picture >> 8)).max() <= 1
 
 
 def test_a_picture_that_was_taken_upright_is_read_upright(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ GIVES = {
     "agents": "agents that learn in it, for its benchmark",
     "lab": "the local web page",
     "ros": "recordings of ROS",
+    "lerobot": "datasets of LeRobot",
 }
 """What an extra of the package is for."""
 

@@ -14,6 +14,7 @@ from exosight.learning.intervals import interval
 from exosight.learning.model_file import OUTPUTS, ModelCard, images_at_once, open_model
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.outputs import nonnegative
+from exosight.system.schema import Schema, network_difference
 from exosight.vision.pictures import CameraCrop
 
 _MODELS = Path(__file__).parents[1] / "models"
@@ -28,24 +29,29 @@ SHIPPED_MODELS = {
 }
 """The networks that come with the package, by the system that they are for."""
 
-NAMED_MODELS = {name: _MODELS / f"{name}.onnx" for name in ("index-control", "index-photo")}
-"""Further networks that come with the package, by the name that options call them by: for closed loops, with
-u beside the picture, and for photographs."""
+NAMED_MODELS = {name: _MODELS / f"{name}.onnx" for name in ("index", "index-control", "index-photo")}
+"""Networks that come with the package, by the name that options call them by: that of `index` for systems of
+other names, such as an identified rig; for closed loops, with u beside the picture; and for photographs."""
 
 SHIPPED = "shipped"
 """What options call the network of the package for the system at hand."""
 
 
-def model_path(given: Path | None, system: str) -> Path:
+def model_path(given: Path | None, system: str | Schema) -> Path:
     """The file of a network: as given, one of NAMED_MODELS by its name, or the package's own for a system.
 
-    The last where it is left out or "shipped".
-
-    A system that the package has no network for gets the published system's, which then does not fit it.
+    The last where it is left out or "shipped". For a system that the package has no network for it is the
+    first that estimates the same sensors through the same cameras, where all of the schema is known, as an
+    identified rig's; else the published system's, which then does not fit it.
     """
     if given is not None and str(given) != SHIPPED:
         return NAMED_MODELS.get(str(given), given)
-    return SHIPPED_MODELS.get(system, DEFAULT_MODEL)
+    name = system.system if isinstance(system, Schema) else system
+    if name not in SHIPPED_MODELS and isinstance(system, Schema):
+        for path in dict.fromkeys(SHIPPED_MODELS.values()):
+            if network_difference(open_model(path, 1)[1].schema, system) is None:
+                return path
+    return SHIPPED_MODELS.get(name, DEFAULT_MODEL)
 
 
 def model_name(path: Path) -> str:

@@ -6,7 +6,7 @@ leaves every answer as it was, and training goes on from there as if it had neve
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -109,7 +109,10 @@ def check_pretrained(pretrained: Pretrained, identity: RunIdentity) -> None:
     there = (card.network, card.history, card.actuation)
     asked = (settings.network, settings.history, settings.actuation)
     names = ("network", "history", "actuation")
-    if fault := difference(card.schema, identity.schema, ("sensors", "cameras", "channels")):
+    own, other = card.schema, identity.schema
+    if not (card.actuation or card.history) and len(own.channels) == len(other.channels):
+        own = replace(own, channels=other.channels)  # whose commands it only learned beside
+    if fault := difference(own, other, ("sensors", "cameras", "channels")):
         raise InputError(f"pretrained: it is for another system: {fault}; start from one of the same kind")
     for name, has, wants in zip(names, there, asked, strict=True):
         if has != wants and not (name == "actuation" and wants):

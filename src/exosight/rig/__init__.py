@@ -7,6 +7,8 @@ pictures   what all sources of pictures have in common: size, part and order
 folder     a folder of picture files
 video      a video file
 matlab     .mat files: pictures and readings in one
+bags       recordings of ROS
+lerobot    LeRobot datasets: videos or pictures; lerobot_tables: their Parquet files
 matching   which row of a table belongs to which picture
 readings   sensors, commands and sequences of matched pictures
 importing  the dataset made of them: chunk after chunk, resumable

@@ -19,7 +19,7 @@ from jaxtyping import Float64
 
 from exosight.errors import DataError, InputError
 from exosight.rig.pictures import Gray, upper_bits
-from exosight.rig.table import ReadingTable, column_of
+from exosight.rig.table import ReadingTable, column_of, short_heading
 from exosight.validation import check_unique
 from exosight.vision.pictures import LARGEST_PICTURE, decode, natural_order
 
@@ -371,10 +371,6 @@ def _heads(topic: str, per_bag: Sequence[dict[str, _Series]], bags: Sequence[_Ba
         )
     heads = []
     for name, unit in zip(own[0].names, own[0].units, strict=True):
-        parts = [part for part in topic.split("/") if part]
-        full = "_".join([*parts, *([name] if name else [])])
-        while len(full) > 32 and len(parts) > 1:
-            parts = parts[1:]
-            full = "_".join([*parts, *([name] if name else [])])
+        full = short_heading([part for part in topic.split("/") if part], name)
         heads.append(full if unit is None else f"{full} [{unit}]")
     return heads

@@ -23,6 +23,7 @@ from exosight.errors import DataError, InputError
 from exosight.rig.bags import bags_in, open_bags
 from exosight.rig.card import write_card
 from exosight.rig.folder import open_folder
+from exosight.rig.lerobot import is_lerobot, open_lerobot
 from exosight.rig.matching import match_rows
 from exosight.rig.matlab import open_mat
 from exosight.rig.pictures import Fit, PictureSource, Region, Size, fit_of
@@ -71,7 +72,7 @@ class ImportConfig:
     own or the nearest such"""
     images: str | None = None
     """of a .mat file, the variable with the pictures; by default the only one of three or four dimensions. Of
-    recordings of ROS, the topic of the pictures; by default the only one"""
+    recordings of ROS the topic of the pictures, of a LeRobot dataset their feature; default: the only one"""
     order: str | None = None
     """of a .mat file, the order of its dimensions, such as HWN or NHW; by default as the readings say"""
 
@@ -130,7 +131,7 @@ def prepare(
 ) -> Iterator[Import]:
     """Open pictures and table, and find out how they fit together; only the first picture is read.
 
-    source  folder of pictures, video, .mat file, recording of ROS or folder of such
+    source  folder of pictures, video, .mat file, LeRobot dataset, recording of ROS or folder of such
     table   CSV file of readings; by default the one in the folder, or what the .mat file or recording holds
     times   CSV file that says when each picture was taken
     drop    leave out pictures without a row, with an empty cell in it, or that cannot be read
@@ -234,16 +235,22 @@ def _opened(
     is_mat = source.suffix.lower() == ".mat" and not source.is_dir()
     if not source.exists():
         raise DataError(
-            f"{source}: not there; expected a folder of pictures, a video, a .mat file or a recording of ROS"
+            f"{source}: not there; expected a folder of pictures, a video, a .mat file, a LeRobot "
+            "dataset or a recording of ROS"
         )
-    bags = bags_in(source)
+    lerobot = is_lerobot(source)
+    bags = [] if lerobot else bags_in(source)
     if config.order is not None and not is_mat:
         raise InputError(f"--order: an option of .mat files, got {source}; leave it out")
-    if config.images is not None and not (is_mat or bags):
+    if config.images is not None and not (is_mat or bags or lerobot):
         raise InputError(
-            f"--images: an option of .mat files and recordings of ROS, got {source}; leave it out"
+            f"--images: an option of .mat files, LeRobot datasets and recordings of ROS, got {source}; "
+            "leave it out"
         )
-    if bags:
+    if lerobot:
+        with open_lerobot(source, config.images, own_table=table is None) as found:
+            yield found
+    elif bags:
         with open_bags(bags, config.images, config.tolerance, own_table=table is None) as found:
             yield found
     elif source.is_dir():

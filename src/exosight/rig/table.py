@@ -19,6 +19,9 @@ from exosight.validation import check_unique
 LARGEST_TABLE = 256 * 2**20
 """[bytes]; a million rows of ten readings take 100 MB."""
 
+LONGEST_NAME = 32
+"""Letters of a column's name."""
+
 _HEADING = re.compile(r"(?P<name>.*?)\s*(?:\[(?P<unit>[^\]]*)\]|\((?P<other>[^)]*)\))?\s*")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
 _MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
@@ -112,12 +115,20 @@ def column_of(heading: str, cells: Iterable[str]) -> TableColumn:
     assert found is not None  # it matches any text
     unit = (found["unit"] or found["other"] or "").strip() or None
     name = re.sub(r"[^A-Za-z0-9_]+", "_", found["name"].strip()).strip("_")
-    if not name or not name[0].isalpha() or len(name) > 32:
+    if not name or not name[0].isalpha() or len(name) > LONGEST_NAME:
         raise InputError(
-            f"column {heading[:60]!r}: expected a name of 1 to 32 letters and digits, a letter first, with "
-            "its unit behind it in brackets, like thumb [N]; rename it"
+            f"column {heading[:60]!r}: expected a name of 1 to {LONGEST_NAME} letters and digits, a letter "
+            "first, with its unit behind it in brackets, like thumb [N]; rename it"
         )
     return TableColumn(heading, name, unit, tuple(cells))
+
+
+def short_heading(parts: Sequence[str], name: str) -> str:
+    """A heading from parts of a topic or feature, without the first ones where it would be too long."""
+    parts = [*parts, *([name] if name else [])]
+    while len("_".join(parts)) > LONGEST_NAME and len(parts) > (2 if name else 1):
+        parts = parts[1:]
+    return "_".join(parts)
 
 
 def read_table(path: Path) -> ReadingTable:

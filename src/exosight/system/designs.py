@@ -12,7 +12,7 @@ from pydantic import JsonValue
 from exosight.errors import InputError
 from exosight.system.build import build
 from exosight.system.camera import Camera
-from exosight.system.description import VaryTable
+from exosight.system.description import Description, VaryTable
 from exosight.system.design import Design
 from exosight.system.faults import at_place
 from exosight.system.file import Values, describe, replaced
@@ -133,12 +133,17 @@ class FileDesigns:
         return tuple(self._design(number, seed) for number in range(per_scenario))
 
     def build(self, design: Design) -> System:
-        """The system of the file with the design's entries in the place of its own."""
+        """The system of the file with the design's entries in the place of its own.
+
+        Zones on links whose length varies stay at their shares of a link, see `moved_zones`.
+        """
         varied = {table.entry for table in self.varied}
         for entry in design.parameters:
             if entry not in varied:
                 raise InputError(f"design {design.number}: {entry} does not vary in {self.name}")
-        return build(describe(replaced(self.values, design.parameters)))
+        changed = replaced(self.values, design.parameters)
+        moved = moved_zones(self._description, describe(changed))
+        return build(describe(replaced(changed, {**moved, **design.parameters})))
 
     def numbers(self, design: Design) -> dict[str, float]:
         """The varied entries, as numbers in the units of the file."""
@@ -168,6 +173,25 @@ class FileDesigns:
                 f"{', '.join(entries)} changes what all designs share (parts, names, channels, limits of "
                 "sensors, cameras, shades); leave it out"
             )
+
+
+def moved_zones(before: Description, after: Description) -> dict[str, str]:
+    """Entries that move the middles of zones along chains of links with the links that they are on.
+
+    A zone stays at its share of its link when lengths change.
+    """
+    found: dict[str, str] = {}
+    for name, sensor in before.sensors.items():
+        surface = before.surfaces.get(sensor.surface or "")
+        if sensor.at is None or surface is None or not set(surface.bodies) <= set(before.links):
+            continue
+        old, new = (
+            np.cumsum([0.0, *(of.links[body].length for body in surface.bodies)]) for of in (before, after)
+        )
+        if not np.array_equal(old, new):
+            beyond = max(sensor.at - float(old[-1]), 0.0)
+            found[f"sensors.{name}.at"] = f"{float(np.interp(sensor.at, old, new)) + beyond!r} m"
+    return found
 
 
 def _limits(table: VaryTable) -> tuple[float, float, str]:

@@ -62,7 +62,7 @@ def adapt(
         assert folder is not None
         loaded = load(data)
         split = divided(loaded, "design", split_seed, None)
-        place = model_path(Path(model), loaded.frames.schema.system)
+        place = model_path(Path(model), loaded.frames.schema)
         with progress("adapting", "fits") as update:
             found = run(loaded, split, place, labels, method, seed, folder, MODEL, update)
         write_new_file(folder / "adaptation.json", to_json(found.record).encode())

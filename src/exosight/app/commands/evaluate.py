@@ -46,7 +46,7 @@ def evaluate(
 
     with results_folder(out) as folder:
         loaded = load(data)
-        place = model_path(model, loaded.frames.schema.system)
+        place = model_path(model, loaded.frames.schema)
         estimator = OnnxEstimator.load(place, threads=2)
         found = run(estimator, loaded, seed)
         say(found.frames)

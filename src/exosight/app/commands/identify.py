@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
+from jaxtyping import Float
 
 from exosight.app.commands.options import NO_OPTIONS, ExosuitOptions, Json, SystemName
 from exosight.app.console import check_json_target, progress, say, show_or_write
@@ -75,19 +76,19 @@ def identify(
     table, folder = read_table(loads), open_pictures(pictures)
     if system == INDEX:
         first = folder.picture(0)
-        values = _index_values(exosuit, first.shape)
-        if gain is not None:
-            values = _with_gain(values, gain)
+        preset = _index_values(exosuit, first.shape)
+        values = preset if gain is None else _with_gain(preset, gain)
     else:
         exosuit.refuse("the system file says it all")
-        values = _file_values(system, gain)
+        preset = values = _file_values(system, gain)
     nominal = build(describe(values))
     with progress("reading pictures", "pictures") as update:
         measured = read_measurements(folder, table, nominal, masks, update)
     count = len(measured.outlines)
     with progress("fitting", "pictures") as update:
         found = run(values, measured, known_gains=False, done=lambda k: update(k, count))
-    found = replace(found, values=found.named(_name(out.stem)))
+    fitted = found.named(_name(out.stem))
+    found = replace(found, values=fitted if gain is None else _as_driven(fitted, preset, measured.commands))
     write_new_file(out, found.toml.encode())
     show_or_write([_table(found)], _numbers(found), json)
     for sentence in _remarks(found, nominal.schema.channels[0].unit):
@@ -128,14 +129,36 @@ def _with_gain(values: "Values", gain: str) -> "Values":
     force, _, own = unit.partition("/")
     if force != "N" or not own or number <= 0:
         raise InputError(f'--gain: expected newtons a unit of the loads, like "0.05 N/kPa", got {gain!r}')
-    (name, table), *_ = values["actuators"].items()
-    changed: dict[str, Any] = dict(table) | {"gain": f"{number!r} N/{own}"}
-    for entry in ("range", "drive"):
-        texts = table[entry] if isinstance(table[entry], list) else [table[entry]]
-        # Ten times as wide: the gain may be found to be smaller.
-        scaled = [f"{10 * float(split_quantity(text, '4 N')[0]) / number!r} {own}" for text in texts]
-        changed[entry] = scaled if isinstance(table[entry], list) else scaled[0]
-    return {**values, "actuators": {name: changed}}
+    # Ten times as wide: the gain may be found to be smaller.
+    return _scaled(values, number, own, 10.0)
+
+
+def _as_driven(values: "Values", preset: "Values", commands: Float[np.ndarray, "pictures 1"]) -> "Values":
+    """The fitted file of the preset, driven as far as the preset is in newtons, or as the pictures show."""
+    from exosight.system.units import split_quantity
+
+    (table,) = values["actuators"].values()
+    gain, unit = split_quantity(table["gain"], "0.05 N/kPa")
+    own = unit.partition("/")[2]
+    driven = _scaled(preset, gain, own, 1.0, float(np.abs(commands).max()))
+    return {**values, "actuators": driven["actuators"]}
+
+
+def _scaled(preset: "Values", gain: float, own: str, times: float, least: float = 0.0) -> "Values":
+    """The file of the preset with commands in a unit of which one does `gain` newtons.
+
+    times, least   how many times as wide range and drive become, and how wide at least [own]
+    """
+    from exosight.system.units import split_quantity
+
+    ((name, table),) = preset["actuators"].items()
+
+    def scaled(text: str) -> str:
+        number = times * split_quantity(text, "4 N")[0] / gain
+        return f"{float(np.copysign(max(abs(number), least), number))!r} {own}"
+
+    limits = {"range": [scaled(text) for text in table["range"]], "drive": scaled(table["drive"])}
+    return {**preset, "actuators": {name: {**table, **limits, "gain": f"{gain!r} N/{own}"}}}
 
 
 def _name(name: str) -> str:

@@ -24,12 +24,13 @@ def import_(
 ) -> None:
     """Make a dataset of pictures of a real system and a table of what its instruments read.
 
-    Pictures are a folder of files, a video, a .mat file, or recordings of ROS (rosbag, rosbag2, MCAP), of
-    which a folder may hold several. Readings are a CSV file whose headings have units, like "thumb [N]", the
-    variables of the .mat file, or what the recordings hold: wrenches, pressures, joints and numbers; known
-    units are converted to SI. The dataset is one like any other: exosight train, evaluate and export take it,
-    and live, replay, estimate and the lab take the network. It is divided by sequences, so that a network is
-    tested on recordings that it has not seen.
+    Pictures are a folder of files, a video, a .mat file, a LeRobot dataset, or recordings of ROS (rosbag,
+    rosbag2, MCAP), of which a folder may hold several. Readings are a CSV file whose headings have units,
+    like "thumb [N]", the variables of the .mat file, the features of the LeRobot dataset, or what the
+    recordings hold: wrenches, pressures, joints and numbers; known units are converted to SI. The dataset is
+    one like any other: exosight train, evaluate and export take it, and live, replay, estimate and the lab
+    take the network. It is divided by sequences, so that a network is tested on recordings that it has not
+    seen.
 
     Pictures are stored as gray values. Stopped at any moment, the same command with --resume goes on.
 
@@ -38,12 +39,14 @@ def import_(
       exosight import run.mp4 --table forces.csv --tolerance 0.02 --out results/rig
       exosight import data.mat --order HWN --unit N --out results/rig
       exosight import bags --images /camera/image_raw --out results/rig
+      exosight import lerobot --sensors "ft_fz [N]" --commands "action [kPa]" --out results/rig
 
     Args:
-        source: folder of pictures, video, .mat file, recording of ROS, or folder of such recordings
+        source: folder of pictures, video, .mat file, LeRobot dataset, recording of ROS, or folder of such
+            recordings
         out: folder to make; it must not exist, unless --resume
         table: readings (CSV), a row a picture, or with times; by default the one CSV file in the folder, or
-            the variables of the .mat file, or what the recordings hold
+            what the .mat file, the dataset or the recordings hold
         times: when each picture was taken (CSV with the columns picture and time)
         config: what is made of them
         drop_incomplete: leave out pictures that have no row, an empty cell in it, or cannot be read

@@ -73,8 +73,8 @@ def train(
 
     with join(config.device) as group:
         loaded = load(data)
-        system = loaded.frames.schema.system
-        begun = load_pretrained(model_path(Path(pretrained), system)) if pretrained else None
+        schema = loaded.frames.schema
+        begun = load_pretrained(model_path(Path(pretrained), schema)) if pretrained else None
         split = divided(loaded, protocol, split_seed, held_out)
         with progress("training", "steps") as update:
             history = fit(

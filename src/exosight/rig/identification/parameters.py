@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from exosight.errors import InputError
 from exosight.system.description import Description
+from exosight.system.designs import moved_zones
 from exosight.system.file import Values, describe, replaced
 from exosight.system.units import ANGLE, LENGTH, split_quantity
 
@@ -156,22 +157,7 @@ def values_at(values: Values, parameters: Sequence[Parameter], x: Float[np.ndarr
         each.entry: f"{each.value(float(at))!r} {each.unit}" for each, at in zip(parameters, x, strict=True)
     }
     changed = replaced(values, entries)
-    return replaced(changed, _moved_zones(describe(values), describe(changed)))
-
-
-def _moved_zones(before: Description, after: Description) -> dict[str, str]:
-    """Middles of zones along chains of links, moved with the links that they are on."""
-    found: dict[str, str] = {}
-    for name, sensor in before.sensors.items():
-        surface = before.surfaces.get(sensor.surface or "")
-        if sensor.at is None or surface is None or not set(surface.bodies) <= set(before.links):
-            continue
-        old, new = (
-            np.cumsum([0.0, *(of.links[body].length for body in surface.bodies)]) for of in (before, after)
-        )
-        beyond = max(sensor.at - float(old[-1]), 0.0)
-        found[f"sensors.{name}.at"] = f"{float(np.interp(sensor.at, old, new)) + beyond!r} m"
-    return found
+    return replaced(changed, moved_zones(describe(values), describe(changed)))
 
 
 def _free_rods(description: Description) -> list[str]:
