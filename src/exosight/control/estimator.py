@@ -25,7 +25,7 @@ DEFAULT_MODEL = _MODELS / "light.onnx"
 SHIPPED_MODELS = {
     "published": DEFAULT_MODEL,
     "index": _MODELS / "index.onnx",
-    "index-friction": _MODELS / "index.onnx",
+    "index-friction": _MODELS / "index-friction.onnx",
 }
 """The networks that come with the package, by the system that they are for."""
 
