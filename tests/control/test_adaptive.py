@@ -170,7 +170,7 @@ def test_blinded_for_good_it_ends_at_no_actuation_in_a_stated_time(steps):
     adaptive = Adaptive(CONFIG)
     for target, measurement in steps:
         adaptive.step(target, measurement)
-    unseen = adaptive.authority.release_seconds + CONFIG.u_max / CONFIG.rate
+    unseen = adaptive.adaptive.authority.release_seconds + CONFIG.u_max / CONFIG.rate
     for _ in range(math.ceil(unseen / CONFIG.period) + 1):
         last = adaptive.step(TARGET, Measurement())
     assert last == 0.0
