@@ -109,10 +109,13 @@ class Adaptive:
         self._behind += 1 + missed
         self._unseen += 1 + missed
         self.problem = self._frames.fault(found)
-        if self.problem is None:
-            self._observe(found)
-        else:
+        if self.problem is not None:
             self._good = 0
+        elif self._frames.repeated:
+            # It may have been sent once more, as a new one; a second one says that nothing has changed.
+            self.problem = Problem("a frame identical to the last", "look at the pictures of this moment")
+        else:
+            self._observe(found)
         self._decide()
         u = self._frames.u
         wanted = self._wanted(float(target), u, found)

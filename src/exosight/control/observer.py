@@ -25,6 +25,8 @@ from exosight.control.scheduled import RELEASED
 
 _ITERATIONS = 3
 _LONGEST = 200  # steps; what is older says nothing of the present
+_NEAR = 0.12  # of the peak: so far off, an output without force on the path is one that cannot press
+_ELSEWHERE = 0.01  # of the largest reading: what another plant presses with where the path has nothing
 _FARTHEST = 0.7  # of log s: half or twice as stiff
 Share = Annotated[float, Field(gt=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
@@ -139,12 +141,13 @@ class Observer:
         outputs    (outputs,) of the estimated sensors [each in its unit]
         deviation  standard deviation of the controlled sensor as the estimator gives it [its unit]
         """
-        given, measured = self._given, self._config.sum(outputs)
+        given = self._given
+        measured, scatter = self._pressing(u, outputs)
         force, _ = self._model(self._x, u)
         if max(force, measured) < RELEASED:
             self._outliers.clear()
             return True  # nothing presses, and nothing is learned from that
-        noise = deviation**2 + (given.noise * self._largest) ** 2 + self._scatter(u, outputs)
+        noise = deviation**2 + (given.noise * self._largest) ** 2 + scatter
         _, gradient = self._model(self._x, u, touching=True)
         innovation = measured - force
         spread = math.sqrt(float(gradient @ self._p @ gradient) + noise)
@@ -168,14 +171,21 @@ class Observer:
         self._x, self._p = x, keep @ self._p @ keep.T + noise * np.outer(gain, gain)
         return True
 
-    def _scatter(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
-        """Variance of the controlled sensor by what is measured where nothing can press."""
+    def _pressing(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> tuple[float, float]:
+        """The controlled sensor, and its variance by the noise of what is measured where nothing can press.
+
+        There outputs count by the share of their variance that is another plant's force and not noise.
+        """
+        weights, config = self._config.weights, self._config
         w = (u - self._x[1]) / math.exp(self._x[0])
-        near = np.abs(self._u - w) <= 0.12 * self._peak
-        free = (self._outputs[near] <= 0).all(axis=0) & (self._config.weights != 0)
+        near = np.abs(self._u - w) <= _NEAR * self._peak
+        free = (self._outputs[near] <= 0).all(axis=0) & (weights != 0)
         if not near.any() or not free.any():
-            return 0.0
-        return float(np.count_nonzero(self._config.weights) * np.mean(np.square(outputs[free])))
+            return config.sum(outputs), 0.0
+        noise = float(np.mean(np.square(outputs[free])))
+        own = (_ELSEWHERE * self._largest) ** 2
+        share = np.where(free, own / (own + noise), 1.0)
+        return float(share * weights @ outputs), float(share * weights**2 @ np.ones(len(weights))) * noise
 
     def _ahead(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """State and covariance so many steps later."""
