@@ -44,6 +44,10 @@ class ObserverConfig:
     """standard deviation of ḋ in motion [1/s]"""
     motion_time: Positive = 0.7
     """time after which a user's motion is another one [s]"""
+    mode_time: Positive = 2.0
+    """time after which a user rests, or moves, no longer [s]"""
+    rest: Share = 0.3
+    """the share of `wander` that is left of a user at rest"""
     wander: Share = 0.002
     """standard deviation of the change of d in a step that ḋ does not explain"""
     noise: Share = 0.005
@@ -68,6 +72,42 @@ class Prediction:
     outputs: Float[np.ndarray, " outputs"]
 
 
+@dataclass(frozen=True)
+class Modes:
+    """What is known if the user rests, and if he moves.
+
+    share  (2,)        probability of each [-]
+    x      (2, 3)      states
+    p      (2, 3, 3)   their covariances
+    """
+
+    share: Float[np.ndarray, "2"]
+    x: Float[np.ndarray, "2 3"]
+    p: Float[np.ndarray, "2 3 3"]
+
+    @property
+    def mean(self) -> Float[np.ndarray, "3"]:
+        """The state, whichever it is."""
+        return self.share @ self.x
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "3 3"]:
+        """Of that state."""
+        return self._about(self.share, self.mean)
+
+    def _about(self, share: np.ndarray, mean: np.ndarray) -> np.ndarray:
+        off = self.x - mean
+        return np.einsum("m,mij->ij", share, self.p + off[:, :, None] * off[:, None, :])
+
+    def mixed(self, turn: Float[np.ndarray, "2 2"]) -> "Modes":
+        """The same where modes may have changed, with these probabilities from row to column."""
+        joint = self.share[:, None] * turn
+        share = joint.sum(axis=0)
+        of = (joint / share).T
+        x = of @ self.x
+        return Modes(share, x, np.stack([self._about(part, mean) for part, mean in zip(of, x, strict=True)]))
+
+
 class Observer:
     """The filter; its state is that of the last frame, and `ahead` of it is predicted.
 
@@ -90,9 +130,23 @@ class Observer:
     def reset(self) -> None:
         """Forget the plant."""
         given, peak = self._given, self._peak
-        self._x = np.zeros(3)
-        self._p = np.diag(np.square([given.stiffness, given.shift * peak, given.speed * peak]))
+        p = np.diag(np.square([given.stiffness, given.shift * peak, given.speed * peak]))
+        still = np.diag([1.0, 1.0, 0.0])
+        self._now = Modes(np.array([0.5, 0.5]), np.zeros((2, 3)), np.stack([still @ p @ still, p]))
         self._outliers: deque[float] = deque(maxlen=given.agreeing)
+
+    @property
+    def _x(self) -> np.ndarray:
+        return self._now.mean
+
+    @property
+    def _p(self) -> np.ndarray:
+        return self._now.covariance
+
+    @property
+    def moving(self) -> float:
+        """Probability that the user moves, at the last frame [-]."""
+        return float(self._now.share[1])
 
     @property
     def state(self) -> Float[np.ndarray, "3"]:
@@ -133,7 +187,7 @@ class Observer:
 
     def advance(self, steps: int) -> None:
         """Move the state on to a later frame."""
-        self._x, self._p = self._ahead(steps)
+        self._now = self._later(steps)
 
     def update(self, u: float, outputs: Float[np.ndarray, " outputs"], deviation: float) -> bool:
         """Take in what was measured under u at the time of the state; returns False for an outlier.
@@ -157,19 +211,33 @@ class Observer:
             if not agree:
                 return False
             # The plant is another than it was: as unknown as at first.
-            self._p += np.diag(np.square([0.0, given.shift * self._peak, given.speed * self._peak]))
+            new = np.diag(np.square([0.0, given.shift * self._peak, given.speed * self._peak]))
+            self._now = Modes(self._now.share, self._now.x, self._now.p + new)
         self._outliers.clear()
-        x = self._x
+        x, p, likely = self._now.x.copy(), self._now.p.copy(), np.zeros(len(self._now.x))
+        for i in range(len(x)):
+            x[i], p[i], likely[i] = self._corrected(self._now.x[i], self._now.p[i], u, measured, noise)
+        share = self._now.share * np.exp(likely - likely.max())
+        self._now = Modes(share / share.sum(), x, p)
+        return True
+
+    def _corrected(
+        self, x: np.ndarray, p: np.ndarray, u: float, measured: float, noise: float
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """State and covariance with a measurement, and the logarithm of its likelihood."""
+        prior = x
+        force, gradient = self._model(prior, u, touching=True)
+        variance = float(gradient @ p @ gradient) + noise
+        likely = -0.5 * (math.log(variance) + (measured - force) ** 2 / variance)
         for _ in range(_ITERATIONS):  # as the path bends
             force, gradient = self._model(x, u, touching=True)
-            gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
-            x = self._x + gain * (measured - force - gradient @ (self._x - x))
+            gain = p @ gradient / (gradient @ p @ gradient + noise)
+            x = prior + gain * (measured - force - gradient @ (prior - x))
             x = np.clip(x, *self._range)
         _, gradient = self._model(x, u, touching=True)
-        gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
+        gain = p @ gradient / (gradient @ p @ gradient + noise)
         keep = np.eye(3) - np.outer(gain, gradient)
-        self._x, self._p = x, keep @ self._p @ keep.T + noise * np.outer(gain, gain)
-        return True
+        return x, keep @ p @ keep.T + noise * np.outer(gain, gain), likely
 
     def _pressing(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> tuple[float, float]:
         """The controlled sensor, and its variance by the noise of what is measured where nothing can press.
@@ -189,15 +257,30 @@ class Observer:
 
     def _ahead(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """State and covariance so many steps later."""
+        later = self._later(steps)
+        return later.mean, later.covariance
+
+    def _later(self, steps: int) -> Modes:
+        """The modes so many steps later."""
         given, period = self._given, self._config.period
-        keep = math.exp(-period / given.motion_time)
-        move = np.array([[1, 0, 0], [0, 1, period], [0, 0, keep]])
-        wander = given.wander * self._peak
-        stir = np.diag([1e-6, wander**2, (given.speed * self._peak) ** 2 * (1 - keep**2)])
-        x, p = self._x, self._p
+        keep, change = math.exp(-period / given.motion_time), 1 - math.exp(-period / given.mode_time)
+        turn = np.array([[1 - change, change], [change, 1 - change]])
+        still = np.diag([1.0, 1.0, 0.0])
+        move = np.stack([still, [[1, 0, 0], [0, 1, period], [0, 0, keep]]])
+        wander, speed = given.wander * self._peak, given.speed * self._peak
+        stir = np.stack([
+            np.diag([1e-6, (given.rest * wander)**2, 0.0]),
+            np.diag([1e-6, wander**2, speed ** 2 * (1 - keep**2)]),
+        ])
+        now = self._now
         for _ in range(min(steps, _LONGEST)):
-            x, p = move @ x, move @ p @ move.T + stir
-        return x, p
+            mixed = now.mixed(turn)
+            now = Modes(
+                mixed.share,
+                np.einsum("mij,mj->mi", move, mixed.x),
+                move @ mixed.p @ move.transpose(0, 2, 1) + stir,
+            )
+        return now
 
     def _slope(self, w: float) -> float:
         """∂F₀/∂w, over a fortieth of the peak to both sides."""
