@@ -40,14 +40,14 @@ class ObserverConfig:
     """standard deviation of log s"""
     shift: Share = 0.06
     """standard deviation of d"""
-    speed: Share = 0.05
+    speed: Share = 0.1
     """standard deviation of ḋ in motion [1/s]"""
-    motion_time: Positive = 0.7
+    motion_time: Positive = 0.3
     """time after which a user's motion is another one [s]"""
-    mode_time: Positive = 2.0
-    """time after which a user rests, or moves, no longer [s]"""
-    rest: Share = 0.3
-    """the share of `wander` that is left of a user at rest"""
+    mode_time: Positive = 1.0
+    """time after which a user who rests moves, and one who moves rests [s]"""
+    rest: Share = 0.1
+    """share of `wander` while the user rests"""
     wander: Share = 0.002
     """standard deviation of the change of d in a step that ḋ does not explain"""
     noise: Share = 0.005
@@ -268,10 +268,12 @@ class Observer:
         still = np.diag([1.0, 1.0, 0.0])
         move = np.stack([still, [[1, 0, 0], [0, 1, period], [0, 0, keep]]])
         wander, speed = given.wander * self._peak, given.speed * self._peak
-        stir = np.stack([
-            np.diag([1e-6, (given.rest * wander)**2, 0.0]),
-            np.diag([1e-6, wander**2, speed ** 2 * (1 - keep**2)]),
-        ])
+        stir = np.stack(
+            [
+                np.diag([1e-6, (given.rest * wander) ** 2, 0.0]),
+                np.diag([1e-6, wander**2, speed**2 * (1 - keep**2)]),
+            ]
+        )
         now = self._now
         for _ in range(min(steps, _LONGEST)):
             mixed = now.mixed(turn)
