@@ -6,13 +6,14 @@ The solved path F₀(u) of the nominal plant is scaled and shifted,
 
 with s the stiffness of the whole (exact where all stiffnesses and u grow alike: the pose stays, forces scale)
 and d a shift of the command: joints that rest elsewhere, a gap, a mount, a modulus of the exosuit alone. The
-state is (log s, d, ḋ); ḋ decays, as a user's motion does (Singer, IEEE Trans. Aerosp. Electron. Syst. 6,
-1970), so that a delayed frame is extrapolated to the present. F₀ is a table: nothing is solved in the loop.
+state is (log s, d, ḋ). A user rests, and ḋ = 0, or moves, and ḋ decays, as his motion does (Singer, IEEE
+Trans. Aerosp. Electron. Syst. 6, 1970), so that a delayed frame is extrapolated to the present; which it is
+follows from the frames (`user_modes`). F₀ is a table: nothing is solved in the loop.
 """
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated
 
 import numpy as np
@@ -22,12 +23,15 @@ from pydantic.dataclasses import dataclass as configuration
 
 from exosight.control.paths import ControllerConfig
 from exosight.control.scheduled import RELEASED
+from exosight.control.user_modes import Motion, UserModes
 
 _ITERATIONS = 3
 _LONGEST = 200  # steps; what is older says nothing of the present
 _NEAR = 0.12  # of the peak: so far off, an output without force on the path is one that cannot press
 _ELSEWHERE = 0.01  # of the largest reading: what another plant presses with where the path has nothing
 _FARTHEST = 0.7  # of log s: half or twice as stiff
+_STILL = np.diag([1.0, 1.0, 0.0])
+_AGES = 1e-6  # variance of the change of log s in a step
 Share = Annotated[float, Field(gt=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -72,42 +76,6 @@ class Prediction:
     outputs: Float[np.ndarray, " outputs"]
 
 
-@dataclass(frozen=True)
-class Modes:
-    """What is known if the user rests, and if he moves.
-
-    share  (2,)        probability of each [-]
-    x      (2, 3)      states
-    p      (2, 3, 3)   their covariances
-    """
-
-    share: Float[np.ndarray, "2"]
-    x: Float[np.ndarray, "2 3"]
-    p: Float[np.ndarray, "2 3 3"]
-
-    @property
-    def mean(self) -> Float[np.ndarray, "3"]:
-        """The state, whichever it is."""
-        return self.share @ self.x
-
-    @property
-    def covariance(self) -> Float[np.ndarray, "3 3"]:
-        """Of that state."""
-        return self._about(self.share, self.mean)
-
-    def _about(self, share: np.ndarray, mean: np.ndarray) -> np.ndarray:
-        off = self.x - mean
-        return np.einsum("m,mij->ij", share, self.p + off[:, :, None] * off[:, None, :])
-
-    def mixed(self, turn: Float[np.ndarray, "2 2"]) -> "Modes":
-        """The same where modes may have changed, with these probabilities from row to column."""
-        joint = self.share[:, None] * turn
-        share = joint.sum(axis=0)
-        of = (joint / share).T
-        x = of @ self.x
-        return Modes(share, x, np.stack([self._about(part, mean) for part, mean in zip(of, x, strict=True)]))
-
-
 class Observer:
     """The filter; its state is that of the last frame, and `ahead` of it is predicted.
 
@@ -125,14 +93,14 @@ class Observer:
         self._largest = float(self._force.max())
         most = np.array([_FARTHEST, self._peak, self._peak])
         self._range = -most, most
+        self._motion = _motion(self._given, self._peak, config.period)
         self.reset()
 
     def reset(self) -> None:
         """Forget the plant."""
         given, peak = self._given, self._peak
         p = np.diag(np.square([given.stiffness, given.shift * peak, given.speed * peak]))
-        still = np.diag([1.0, 1.0, 0.0])
-        self._now = Modes(np.array([0.5, 0.5]), np.zeros((2, 3)), np.stack([still @ p @ still, p]))
+        self._now = UserModes(np.array([0.5, 0.5]), np.zeros((2, 3)), np.stack([_STILL @ p @ _STILL, p]))
         self._outliers: deque[float] = deque(maxlen=given.agreeing)
 
     @property
@@ -145,7 +113,7 @@ class Observer:
 
     @property
     def moving(self) -> float:
-        """Probability that the user moves, at the last frame [-]."""
+        """Probability that the user moved at the last frame [-]."""
         return float(self._now.share[1])
 
     @property
@@ -212,13 +180,11 @@ class Observer:
                 return False
             # The plant is another than it was: as unknown as at first.
             new = np.diag(np.square([0.0, given.shift * self._peak, given.speed * self._peak]))
-            self._now = Modes(self._now.share, self._now.x, self._now.p + new)
+            self._now = replace(self._now, p=self._now.p + new)
         self._outliers.clear()
-        x, p, likely = self._now.x.copy(), self._now.p.copy(), np.zeros(len(self._now.x))
-        for i in range(len(x)):
-            x[i], p[i], likely[i] = self._corrected(self._now.x[i], self._now.p[i], u, measured, noise)
-        share = self._now.share * np.exp(likely - likely.max())
-        self._now = Modes(share / share.sum(), x, p)
+        modes = zip(self._now.x, self._now.p, strict=True)
+        x, p, likely = zip(*(self._corrected(*mode, u, measured, noise) for mode in modes), strict=True)
+        self._now = UserModes(self._now.share, np.stack(x), np.stack(p)).weighted(np.array(likely))
         return True
 
     def _corrected(
@@ -244,45 +210,24 @@ class Observer:
 
         There outputs count by the share of their variance that is another plant's force and not noise.
         """
-        weights, config = self._config.weights, self._config
+        weights = self._config.weights
         w = (u - self._x[1]) / math.exp(self._x[0])
         near = np.abs(self._u - w) <= _NEAR * self._peak
         free = (self._outputs[near] <= 0).all(axis=0) & (weights != 0)
         if not near.any() or not free.any():
-            return config.sum(outputs), 0.0
+            return self._config.sum(outputs), 0.0
         noise = float(np.mean(np.square(outputs[free])))
         own = (_ELSEWHERE * self._largest) ** 2
         share = np.where(free, own / (own + noise), 1.0)
-        return float(share * weights @ outputs), float(share * weights**2 @ np.ones(len(weights))) * noise
+        return self._config.sum(share * outputs), float(share @ weights**2) * noise
 
     def _ahead(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """State and covariance so many steps later."""
         later = self._later(steps)
         return later.mean, later.covariance
 
-    def _later(self, steps: int) -> Modes:
-        """The modes so many steps later."""
-        given, period = self._given, self._config.period
-        keep, change = math.exp(-period / given.motion_time), 1 - math.exp(-period / given.mode_time)
-        turn = np.array([[1 - change, change], [change, 1 - change]])
-        still = np.diag([1.0, 1.0, 0.0])
-        move = np.stack([still, [[1, 0, 0], [0, 1, period], [0, 0, keep]]])
-        wander, speed = given.wander * self._peak, given.speed * self._peak
-        stir = np.stack(
-            [
-                np.diag([1e-6, (given.rest * wander) ** 2, 0.0]),
-                np.diag([1e-6, wander**2, speed**2 * (1 - keep**2)]),
-            ]
-        )
-        now = self._now
-        for _ in range(min(steps, _LONGEST)):
-            mixed = now.mixed(turn)
-            now = Modes(
-                mixed.share,
-                np.einsum("mij,mj->mi", move, mixed.x),
-                move @ mixed.p @ move.transpose(0, 2, 1) + stir,
-            )
-        return now
+    def _later(self, steps: int) -> UserModes:
+        return self._now.later(min(steps, _LONGEST), self._motion)
 
     def _slope(self, w: float) -> float:
         """∂F₀/∂w, over a fortieth of the peak to both sides."""
@@ -300,3 +245,15 @@ class Observer:
         if touching:
             slope = max(slope, self._least)
         return s * force, np.array([s * force - w * s * slope, -slope, 0.0])
+
+
+def _motion(given: ObserverConfig, peak: float, period: float) -> Motion:
+    """What a step of the loop does to the states of a user at rest and of one who moves."""
+    change = 1 - math.exp(-period / given.mode_time)
+    keep = math.exp(-period / given.motion_time)
+    moves = np.array([[1, 0, 0], [0, 1, period], [0, 0, keep]])
+    wander, speed = given.wander * peak, given.speed * peak
+    rest = np.diag([_AGES, (given.rest * wander) ** 2, 0.0])
+    motion = np.diag([_AGES, wander**2, speed**2 * (1 - keep**2)])
+    turn = np.array([[1 - change, change], [change, 1 - change]])
+    return Motion(turn, np.stack([_STILL, moves]), np.stack([rest, motion]))
