@@ -1,7 +1,7 @@
 """Figures and tables of docs/control.md: the paper's Figs. 6 and 7 reproduced; some minutes on one core.
 
-`python docs/figures_control.py` simulates and draws; with `--draw` it draws what docs/results holds, with `--adaptive` it
-simulates the table of the adaptive controller alone.
+`python docs/figures_control.py` simulates and draws; with `--draw` it draws what docs/results holds, with
+`--adaptive` it simulates the table of the adaptive controller alone.
 """
 
 import json

@@ -70,35 +70,9 @@ def test_late_frames_of_a_user_who_moves_evenly_are_extrapolated():
         true = plant(u, 1.0, 0.1 * speed * (k + late))
         errors.append([abs(observer.predict(u, ahead).controlled - true) for ahead in (0, late)])
     still, ahead = np.mean(errors[20:], axis=0)
-    # It takes any speed to decay within 0.3 s, both in what it learns and in what it predicts: of 0.3 s ahead
-    # it sees at most 0.19 s, and half of the speed or less.
-    assert ahead < 0.8 * still
-    assert 0.3 * speed < observer.state[2] < speed
-
-
-@pytest.mark.parametrize(("speed", "least", "most"), [(0.0, 0.0, 0.3), (0.4, 0.7, 1.0)])
-def test_it_finds_whether_the_user_moves(speed: float, least: float, most: float):
-    """At first either is as likely; 0.4 N/s is the speed that it expects of a user who moves."""
-    observer = bent()
-    assert observer.moving == 0.5
-    for k in range(20):
-        observer.advance(1)
-        observer.update(2.5, zones(plant(2.5, 1.0, 0.1 * speed * k)), 0.0)
-    assert least <= observer.moving <= most
-
-
-def test_noise_does_not_move_what_rests():
-    """0.8 s of noise of 20 mN on each output, so 53 mN on their sum, after 2 s without."""
-    rng, errors = np.random.default_rng(0), []
-    for _ in range(20):
-        observer = bent()
-        for k in range(28):
-            observer.advance(1)
-            noise = rng.normal(0.0, 0.02, 7) * (k >= 20)
-            observer.update(2.5, zones(plant(2.5, 1.1, 0.1)) + noise, 0.0)
-        errors.append(plant(observer.command(0.2), 1.1, 0.1) / 0.2 - 1)
-    # The band of settling, 5 %, is two deviations or more.
-    assert np.std(errors) < 0.03
+    # It takes any speed to decay within 0.7 s, both in what it learns and in what it predicts.
+    assert ahead < 0.5 * still
+    assert 0.5 * speed < observer.state[2] < 1.2 * speed
 
 
 def test_the_spread_of_errors_is_the_one_that_it_states():

@@ -16,7 +16,6 @@ at_rest           a controller that drives nothing, for pictures alone (needs JA
 guarded           the loop with that law and guard in it, or with the adaptive controller
 frame_check       what was measured in a step, and whether it can be used
 observer          what a plant does that is not the one that was solved
-user_modes        whether a user rests or moves
 adaptive          a controller that follows its observer, with authority by what it knows
 sources           frames of a camera, a video, a folder of pictures
 actuators         what carries the command to the plant
