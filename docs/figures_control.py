@@ -1,7 +1,6 @@
 """Figures and tables of docs/control.md: the paper's Figs. 6 and 7 reproduced; some minutes on one core.
 
-`python docs/figures_control.py` simulates and draws; with `--draw` it draws what docs/results holds, with
-`--adaptive` it simulates the table of the adaptive controller alone.
+`python docs/figures_control.py` simulates and draws; with `--draw` it draws what docs/results holds.
 """
 
 import json
@@ -30,19 +29,17 @@ from exosight.control import (
     Scheduled,
     Sense,
     from_image,
-    guarded_of,
     hold,
     hold_and_release,
     measure_response,
     measurement_from,
     run,
     run_guarded,
-    run_guarded_trials,
     true_measurement,
     true_reading,
 )
 from exosight.control.calibration import calibrate_estimator
-from exosight.control.estimator import NAMED_MODELS, SHIPPED_MODELS
+from exosight.control.estimator import SHIPPED_MODELS
 from exosight.control.scheduled import RELEASED
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.trials import (
@@ -65,11 +62,9 @@ from exosight.evaluation.figures.style import (
     styled,
 )
 from exosight.exosuit.assembly import Exosuit
-from exosight.exosuit.index import index
 from exosight.exosuit.published import Preset, published
 
 HERE = Path(__file__).parent
-ADAPTIVE = HERE / "results" / "control_adaptive.json"
 PAGE, RESULT, IMAGES = HERE / "control.md", HERE / "results" / "control.json", HERE / "images"
 
 STIFFER = 1.2
@@ -140,38 +135,6 @@ def measure(preset: Preset = published) -> dict[str, Any]:
         },
         "jumps": {"up": _jumps(config.loading), "down": _jumps(config.unloading)},
     }
-
-
-def adaptive() -> dict[str, Any]:
-    """The paper's targets on `index`, with the adaptive controller: measures by sensor and target."""
-    estimator = OnnxEstimator.load(NAMED_MODELS["index-control"])
-    system = index(Exosuit(CONTROL_SHAPE))
-    plant, controller = SimulatedPlant(system), guarded_of("adaptive", tune(system))
-    targets = [hold(force, STEADY_STATE_STEPS) for force in STEADY_STATE_TARGETS]
-    targets.append(hold_and_release(STEP_TARGET, round(STEP_SECONDS * 10)))
-    senses = {"true force": true_measurement, "image, index-control": measurement_from(estimator)}
-    return {
-        name: [_trace(trial.record) for trial in run_guarded_trials(plant, controller, sense, targets)]
-        for name, sense in senses.items()
-    }
-
-
-def adaptive_table(found: dict[str, Any]) -> str:
-    """The page's table of the adaptive controller."""
-    rows = []
-    for name, (*constants, step) in found.items():
-        rows.append(
-            [
-                name,
-                *(settled(trace) for trace in constants),
-                " / ".join(f"{trace['overshoot_percent']:.1f}" for trace in constants),
-                " / ".join(percent(trace) for trace in constants),
-                settled(step),
-                f"{step['release_time']:.1f}",
-            ]
-        )
-    heads = ["sensor", *PAPER, "overshoot [%]", "steady-state error [%]"]
-    return table_of([*heads, "steps to settle at 0.2 N", "released within 5 % after [s]"], rows)
 
 
 def load() -> dict[str, Any]:
@@ -331,15 +294,13 @@ def percent(trace: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Simulate what is asked for; write figures and page."""
+    """Simulate, unless `--draw` is given; write figures and page."""
     if "--draw" not in sys.argv[1:]:
-        ADAPTIVE.write_text(json.dumps(adaptive()) + "\n")
-        if "--adaptive" not in sys.argv[1:]:
-            RESULT.write_text(json.dumps(measure()) + "\n")
+        RESULT.write_text(json.dumps(measure()) + "\n")
     found = load()
     for name, figure in {"constant": constant(found["constant"]), "step": steps(found["step"])}.items():
         save(figure, IMAGES / f"control_{name}.png")
-    fill(PAGE, tables(found) | {"adaptive": adaptive_table(json.loads(ADAPTIVE.read_text()))})
+    fill(PAGE, tables(found))
 
 
 if __name__ == "__main__":
