@@ -37,7 +37,7 @@ def labels(figure: Figure) -> list[str]:
 
 def test_axes_name_quantity_and_unit():
     assert set(labels(steady_states([run(0.25), run(0.3)]))) == {"F_net [N]", "command u [N]", "time [s]"}
-    steps = step_responses({0.1: run(), 1.0: run()})
+    steps = step_responses({"K_P = 0.1": run(), "K_P = 1": run()})
     assert set(labels(steps)) == {"F_net [N]", "error e [N]", "command u [N]", "time [s]"}
 
 
@@ -65,8 +65,8 @@ def test_steady_states_show_true_estimated_target_and_the_training_limit():
 
 
 def test_step_responses_draw_the_error_that_the_controller_sees():
-    runs = {0.1: run(0.2), 100.0: run(0.3)}
+    runs = {"K_P = 0.1": run(0.2), "K_P = 100": run(0.3)}
     _, error, actuation = step_responses(runs).axes
     for drawn, shown in zip(error.get_lines(), runs.values(), strict=True):
         np.testing.assert_allclose(drawn.get_ydata(), shown.target - shown.estimated)
-    np.testing.assert_array_equal(line(actuation, "K_P = 100").get_ydata(), runs[100.0].command)
+    np.testing.assert_array_equal(line(actuation, "K_P = 100").get_ydata(), runs["K_P = 100"].command)

@@ -67,6 +67,22 @@ def test_no_state_is_left_because_of_one_frame():
         assert bench.u[-1] == pytest.approx(before, abs=0.05)
 
 
+def test_a_frame_that_comes_again_as_a_new_one_is_not_taken_in():
+    """Its reading belongs to another moment and u; when it comes a third time, nothing has changed."""
+    bench = Bench()
+    for _ in range(8):
+        bench.step()
+    last = len(bench.u) - 2
+    again = Measurement(picture(last), reading(bench.forces[last] + 0.005), 0.0, np.array([bench.u[-1]]))
+    before = bench.adaptive.observer.state
+    bench.step(again)
+    np.testing.assert_array_equal(bench.adaptive.observer.state, before)
+    assert bench.adaptive.unseen == pytest.approx(0.2)
+    bench.step(again)
+    assert (bench.adaptive.observer.state != before).any()
+    assert bench.adaptive.unseen == pytest.approx(0.1)
+
+
 def test_without_frames_authority_goes_step_by_step():
     bench = Bench()
     for _ in range(8):
@@ -170,7 +186,7 @@ def test_blinded_for_good_it_ends_at_no_actuation_in_a_stated_time(steps):
     adaptive = Adaptive(CONFIG)
     for target, measurement in steps:
         adaptive.step(target, measurement)
-    unseen = adaptive.authority.release_seconds + CONFIG.u_max / CONFIG.rate
+    unseen = adaptive.adaptive.authority.release_seconds + CONFIG.u_max / CONFIG.rate
     for _ in range(math.ceil(unseen / CONFIG.period) + 1):
         last = adaptive.step(TARGET, Measurement())
     assert last == 0.0

@@ -180,7 +180,7 @@ def test_other_shapes_and_types_are_refused(recording: Path, name: str, values: 
     assert "damaged, or not a recording of exosight" in altered(recording, change)
 
 
-@pytest.mark.parametrize("name", ["format", "model", "schema", "guard", "sensor"])
+@pytest.mark.parametrize("name", ["format", "model", "schema", "guard", "adaptive", "sensor"])
 @pytest.mark.parametrize("value", ["\x1b[31m", np.zeros(3), "[" * 100_000])
 def test_other_texts_are_refused_and_shown_as_text(recording: Path, name: str, value: object) -> None:
     if name == "model" and isinstance(value, str):

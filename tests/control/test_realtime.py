@@ -116,6 +116,23 @@ def test_steps_keep_their_times(plant: Plant, guarded: Guarded) -> None:
     np.testing.assert_allclose([step.measurement.age for step in steps], 0.010, atol=1e-9)
 
 
+def test_a_frame_shows_the_command_that_was_sent_before_it_was_taken(guarded: Guarded) -> None:
+    class Late(Plant):
+        """Its frames are 250 ms old and say nothing of commands."""
+
+        def __next__(self) -> Frame | None:
+            frame = super().__next__()
+            return None if frame is None else Frame(frame.image, frame.time - 0.25)
+
+    plant = Late(Time())
+    steps = go(plant, guarded)
+    # Of the steps at 0, 0.1, 0.2 … s, each of which acts after 14 ms: at 0.254 s before is the third last.
+    shown = [step.shown.item() for step in steps if step.shown is not None]
+    assert shown[:3] == [0.0, 0.0, 0.0]
+    assert shown[3] == 1.0
+    assert shown[3:] == [step.command for step in steps[:-3]]
+
+
 def test_lost_time_is_not_caught_up_with_and_missed_periods_are_counted(
     plant: Plant, guarded: Guarded
 ) -> None:

@@ -13,6 +13,9 @@ import numpy as np
 import pytest
 
 from exosight.control import (
+    Adaptive,
+    AdaptiveConfig,
+    AuthorityConfig,
     ControllerConfig,
     GuardConfig,
     Guarded,
@@ -51,11 +54,13 @@ def frames(count: int, clock: Clock) -> Iterator[Frame | None]:
         yield None if i in (11, 12, 13) else Frame(image, clock.now(), None, np.full(7, 0.01 * i))
 
 
-def run(path: Path, config: ControllerConfig, count: int = 47) -> list[Step]:
+def run(
+    path: Path, config: ControllerConfig, count: int = 47, guarded: Guarded | Adaptive | None = None
+) -> list[Step]:
     """Record a run; the network's file is any file."""
     steps: list[Step] = []
     moment = itertools.count()
-    guarded = Guarded(Scheduled(config), GuardConfig(uncertain_width=0.5))
+    guarded = guarded or Guarded(Scheduled(config), GuardConfig(uncertain_width=0.5))
     recorder = Recorder(path, SHAPE, guarded, Path(__file__))
 
     class Hand:
@@ -105,6 +110,19 @@ def test_it_replays_to_the_same_numbers(tmp_path: Path, straight_config: Control
     assert {STATES[i] for i in told.state} >= {State.NORMAL, State.HOLD}  # the guard had something to do
     again = replay(told, read)
     np.testing.assert_array_equal(again.estimated, told.estimated)
+    np.testing.assert_array_equal(again.command, told.command)
+    np.testing.assert_array_equal(again.state, told.state)
+
+
+def test_the_adaptive_controller_replays_with_its_settings(
+    tmp_path: Path, straight_config: ControllerConfig
+) -> None:
+    asked = AdaptiveConfig(AuthorityConfig(slow_seconds=0.15, hold_seconds=0.25))  # frames 11 to 13 are lost
+    run(tmp_path / "run.h5", straight_config, guarded=Adaptive(straight_config, asked))
+    told = read_recording(tmp_path / "run.h5")
+    assert told.adaptive == asked
+    assert {STATES[i] for i in told.state} >= {State.NORMAL, State.SLOW, State.HOLD}
+    again = replay(told, read)
     np.testing.assert_array_equal(again.command, told.command)
     np.testing.assert_array_equal(again.state, told.state)
 
@@ -312,6 +330,6 @@ def test_a_recording_of_an_earlier_format_is_refused(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "old.h5", "w") as file:
         file.attrs["format"] = "exosight recording 2"
     with pytest.raises(
-        DataError, match="recording format 2, this exosight reads format 4; record the run again"
+        DataError, match="recording format 2, this exosight reads format 5; record the run again"
     ):
         read_recording(tmp_path / "old.h5")

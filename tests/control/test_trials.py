@@ -1,11 +1,26 @@
 """The six runs of the paper's study, on a plant with a closed form."""
 
+import itertools
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from any_frames import picture
+from toy import controller
 
-from exosight.control import published_trials, run_trials, true_reading
+from exosight.control import (
+    Measurement,
+    Observation,
+    guarded_of,
+    hold,
+    hold_and_release,
+    published_trials,
+    run_guarded_trials,
+    run_trials,
+    true_measurement,
+    true_reading,
+)
 
 
 def test_the_six_runs_of_the_paper(toy):
@@ -44,3 +59,20 @@ def test_what_is_judged_is_the_true_force(toy):
         assert trial.record.estimated[-1] == pytest.approx(trial.record.target[-1], rel=1e-3)
         assert trial.settling_steps is None
         assert trial.response.overshoot_percent == pytest.approx(25, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["guarded", "adaptive"])
+def test_a_controller_with_the_path_of_the_plant_needs_the_steps_that_its_rate_allows(toy, name):
+    number = itertools.count()
+
+    def sense(seen: Observation) -> Measurement:
+        return replace(true_measurement(seen), image=picture(next(number)))
+
+    targets = [hold(0.25, 20), hold_and_release(0.35, 20)]
+    found = list(run_guarded_trials(toy(0.1), guarded_of(name, controller()), sense, targets))
+    assert [trial.released for trial in found] == [False, True]
+    # 2.5 and 3.5 N at 1 N a step.
+    assert [trial.settling_steps for trial in found] == [3, 4]
+    # At the row of the release u has already gone by 1 N; 0.0175 N are left at 0.175 N.
+    assert found[1].response.release_time == pytest.approx(0.3)
+    assert [trial.law for trial in found] == ["", ""]

@@ -1,7 +1,7 @@
 """The closed loop on a simulated system: trials run, and written to a folder."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,17 @@ from pydantic import TypeAdapter
 
 from exosight.app.console import progress, to_json
 from exosight.app.control_figures import trial_figures
-from exosight.control import CONTROL_SHAPE, Measure, Trial, hold_and_release, run_trials
+from exosight.control import (
+    CONTROL_SHAPE,
+    Measure,
+    Sense,
+    Trial,
+    guarded_of,
+    hold_and_release,
+    run_guarded_trials,
+    run_trials,
+)
+from exosight.control.guarded import GuardedName
 from exosight.control.loop import RATE
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.trials import STEP_SECONDS, Asked
@@ -34,12 +44,33 @@ def run_with_progress(
     channel: str | None = None,
 ) -> list[Trial]:
     """`exosight.control.run_trials` on a simulated plant, with a progress bar."""
+    return _counted(run_trials(SimulatedPlant(system), measure, asked, sensor, channel), len(asked))
+
+
+def run_guarded_with_progress(
+    system: System,
+    name: GuardedName,
+    sense: Sense,
+    asked: Sequence[Asked],
+    sensor: str | None = None,
+    channel: str | None = None,
+) -> list[Trial]:
+    """The targets alone of what is asked, each once, with a controller that is tuned on the system first.
+
+    Raises InputError or ConvergenceError as `exosight.control.tuning.tune`.
+    """
+    guarded = guarded_of(name, tune(system, sensor, channel))
+    targets = list({tuple(target): target for _, target in asked}.values())
+    return _counted(run_guarded_trials(SimulatedPlant(system), guarded, sense, targets), len(targets))
+
+
+def _counted(trials: Iterator[Trial], count: int) -> list[Trial]:
     found: list[Trial] = []
     with progress("closed loop", "trials") as update:
-        update(0, len(asked))
-        for trial in run_trials(SimulatedPlant(system), measure, asked, sensor, channel):
+        update(0, count)
+        for trial in trials:
             found.append(trial)
-            update(len(found), len(asked))
+            update(len(found), count)
     return found
 
 
@@ -66,10 +97,17 @@ def held_and_released(
     return [(gain, hold_and_release(target, steps)) for target in targets for gain in gains]
 
 
-def write_trials(trials: Sequence[Trial], model: str | None, camera: Camera, folder: Path) -> None:
+def write_trials(
+    trials: Sequence[Trial],
+    model: str | None,
+    camera: Camera,
+    folder: Path,
+    controller: str = "proportional",
+) -> None:
     """Write time series (CSV), figures (SVG), and measures with what they were made with (results.json).
 
-    model    the estimator's file; None: the loop was closed on true readings
+    model       the estimator's file; None: the loop was closed on true readings
+    controller  its name
     """
     for trial in trials:
         write_new_file(folder / f"{_name_of(trial)}.csv", _time_series(trial).encode())
@@ -80,6 +118,7 @@ def write_trials(trials: Sequence[Trial], model: str | None, camera: Camera, fol
         "system": record.schema.system,
         "sensor": record.sensor,
         "channel": record.channel,
+        "controller": controller,
         "model": model,
         "camera": TypeAdapter(Camera).dump_python(camera, mode="json"),
         **({"shape": shape_to_dict(CONTROL_SHAPE)} if record.schema.system == NAME else {}),
@@ -93,9 +132,11 @@ def summaries(trials: Sequence[Trial]) -> list[dict[str, Any]]:
     return [
         {
             "name": _name_of(trial),
-            "gain": trial.gain,
             "target": float(trial.record.target[0]),
-            **{key: None if value != value else value for key, value in asdict(trial.response).items()},
+            **{
+                key: None if value != value else value
+                for key, value in {"gain": trial.gain, **asdict(trial.response)}.items()
+            },
         }
         for trial in trials
     ]
@@ -123,9 +164,10 @@ def trials_table(trials: Sequence[Trial]) -> Table:
 
 def _row(trial: Trial) -> tuple[Cell, ...]:
     response, record = trial.response, trial.record
-    words = f"{record.target[0]:.2f} {record.controlled.unit}, K_P = {trial.gain:g}"
+    words = [f"{record.target[0]:.2f} {record.controlled.unit}"]
+    words += [trial.law] * bool(trial.law) + ["released"] * trial.released
     return (
-        *(f"{words}, released" if trial.released else words, trial.settling_steps),
+        *(", ".join(words), trial.settling_steps),
         *(response.overshoot, response.steady_state_error, response.release_time),
         *(response.largest_u, response.smallest_u),
     )
@@ -135,7 +177,8 @@ def _name_of(trial: Trial) -> str:
     record = trial.record
     kind = "step" if trial.released else "constant"
     unit = re.sub(r"\W", "", record.controlled.unit)
-    return f"{kind}_{record.target[0]:.2f}{unit}_gain_{trial.gain:g}"
+    gain = f"_gain_{trial.gain:g}" if trial.law else ""
+    return f"{kind}_{record.target[0]:.2f}{unit}{gain}"
 
 
 def _time_series(trial: Trial) -> str:

@@ -1,4 +1,4 @@
-"""Figures of the closed loop: trials of the paper's law, and randomised episodes of several controllers."""
+"""Figures of the closed loop: trials of one controller, and randomised episodes of several controllers."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -27,16 +27,16 @@ _LINES = ((BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"))
 
 
 def trial_figures(trials: Sequence[Trial]) -> dict[str, Figure]:
-    """Constant targets in one figure, step responses in one for each target, a line a gain; by file name."""
+    """Constant targets in one figure, step responses in one for each target, a line a law; by file name."""
     constant = [trial.record for trial in trials if not trial.released]
     drawn = {"steady_states": steady_states(constant)} if constant else {}
-    steps: dict[float, dict[float, Record]] = {}
+    steps: dict[float, dict[str, Record]] = {}
     for trial in trials:
         if trial.released:
-            steps.setdefault(float(trial.record.target[0]), {})[trial.gain] = trial.record
-    for target, by_gain in steps.items():
+            steps.setdefault(float(trial.record.target[0]), {})[trial.law] = trial.record
+    for target, by_law in steps.items():
         name = "step_responses" if len(steps) == 1 else f"step_responses_{target:g}"
-        drawn[name] = step_responses(by_gain)
+        drawn[name] = step_responses(by_law)
     return drawn
 
 
@@ -70,20 +70,20 @@ def steady_states(records: Sequence[Record]) -> Figure:
 
 
 @styled
-def step_responses(records: Mapping[float, Record]) -> Figure:
-    """The sensor, error and command of the step response, a line a gain K_P (Fig. 10).
+def step_responses(records: Mapping[str, Record]) -> Figure:
+    """The sensor, error and command of the step response, a line a law (Fig. 10).
 
-    records  K_P [the channel's unit per the sensor's] → run of the loop
+    records  law, such as "K_P = 5" → run of the loop
     """
     figure = new_figure(height=5.0, width=5.5)
     force, error, actuation = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
-    for number, (gain, record) in enumerate(records.items()):
+    for number, (law, record) in enumerate(records.items()):
         # The largest gain swings most, so it lies at the back.
         style = {"color": _COLORS[number % len(_COLORS)], "zorder": 3 - 0.1 * number, "linewidth": 1.0}
         force.plot(record.time, record.true, **style)
         force.plot(record.time, record.estimated, **style | {"linestyle": ":", "linewidth": 1.8})
         error.plot(record.time, record.error, **style)
-        actuation.plot(record.time, record.command, **style, label=f"K_P = {gain:g}")
+        actuation.plot(record.time, record.command, **style, label=law or record.channel)
     first = next(iter(records.values()))
     dashed = {"color": GRAY, "linestyle": "--", "linewidth": 0.9, "zorder": 4}
     force.plot(first.time, first.target, drawstyle="steps-post", **dashed)

@@ -12,12 +12,13 @@ from exosight.app.console import say
 from exosight.app.stopping import PATIENCE, STOP
 from exosight.control.actuator_curve import ActuatorCurve
 from exosight.control.actuators import Actuator, Lines, NoActuator
+from exosight.control.adaptive import Adaptive
 from exosight.control.estimator import OnnxEstimator
 from exosight.control.guard import GuardConfig, Guarded, State
+from exosight.control.guarded import GuardedName, guarded_of
 from exosight.control.paths import ControllerConfig
 from exosight.control.realtime import Step, run_live, timings
 from exosight.control.recording import Recorder
-from exosight.control.scheduled import Scheduled
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.simulated_device import SimulatedDevice
 from exosight.control.sources import FrameStream, open_source
@@ -164,11 +165,12 @@ def timing_table(seconds: np.ndarray, late: np.ndarray) -> Table:
 class LiveRun:
     """What a run in real time is made of.
 
-    system    that is simulated, or stands for the one before the camera; None: it is only observed
-    network   that reads the images, and its file
-    config    what the controller knows of the system
-    target    of each period [the controlled sensor's unit]
-    record    new file for all that is seen, estimated and done, if there is to be one
+    system      that is simulated, or stands for the one before the camera; None: it is only observed
+    network     that reads the images, and its file
+    config      what the controller knows of the system
+    target      of each period [the controlled sensor's unit]
+    record      new file for all that is seen, estimated and done, if there is to be one
+    controller  its name
     """
 
     system: System | None
@@ -177,15 +179,16 @@ class LiveRun:
     config: ControllerConfig
     target: Sequence[float]
     record: Path | None = None
+    controller: GuardedName = "guarded"
 
 
 def on_simulation(run: LiveRun, log: Log) -> None:
     """Look at the simulated system, and actuate it."""
     assert run.system is not None
-    guarded = Guarded(Scheduled(run.config))
+    guarded = guarded_of(run.controller, run.config)
     device = SimulatedDevice(SimulatedPlant(run.system), run.config)
     with written(run, guarded, log) as done, _lets_go(run.config):
-        log.missed_at_end = run_live(device, run.network.read, guarded, device, run.target, done)
+        log.missed_at_end = run_live(device, run.network, guarded, device, run.target, done)
 
 
 @contextmanager
@@ -215,14 +218,13 @@ def on_source(
     curve    of the actuator there; None: it takes the command in the unit of its channel
     """
     frames, from_camera = source
-    guarded = Guarded(
-        Scheduled(run.config), GuardConfig(frozen_frames=frozen_frames(from_camera, run.config.period))
-    )
+    frozen = frozen_frames(from_camera, run.config.period)
+    guarded = guarded_of(run.controller, run.config, GuardConfig(frozen_frames=frozen))
     with ExitStack() as stack:
         done = stack.enter_context(written(run, guarded, log))
         stack.enter_context(_lets_go(run.config))
         actuator = stack.enter_context(closing(_sender(send, run.config.driven, curve)))
-        log.missed_at_end = run_live(frames, run.network.read, guarded, actuator, run.target, done)
+        log.missed_at_end = run_live(frames, run.network, guarded, actuator, run.target, done)
 
 
 def _sender(send: str | None, driven: Channel, curve: ActuatorCurve | None) -> Actuator:
@@ -242,7 +244,7 @@ def frozen_frames(from_camera: bool, period: float) -> int:
 
 
 @contextmanager
-def written(run: LiveRun, guarded: Guarded, log: Log) -> Iterator[Callable[[Step], None]]:
+def written(run: LiveRun, guarded: Guarded | Adaptive, log: Log) -> Iterator[Callable[[Step], None]]:
     """What to do with every step: log it, and record it if there is a file for it."""
     with ExitStack() as stack:
         recorder = None

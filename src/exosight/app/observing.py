@@ -88,7 +88,7 @@ def observe(run: LiveRun, source: tuple[FrameStream, bool], log: Log) -> None:
     guarded = observer(run.config.schema, run.config.period, frozen_frames(from_camera, run.config.period))
     with ExitStack() as stack:
         done = stack.enter_context(written(run, guarded, log))
-        log.missed_at_end = run_live(frames, run.network.read, guarded, NoActuator(), run.target, done)
+        log.missed_at_end = run_live(frames, run.network, guarded, NoActuator(), run.target, done)
 
 
 def refuse_control(system: str | None, given: dict[str, object]) -> None:

@@ -113,7 +113,8 @@ def plot_trials(trials: Sequence[Trial]) -> Figure:
         sensor, channel = chosen[0].record.controlled, chosen[0].record.driven
         forces, commands = [], []
         for trial in chosen:
-            record, name = trial.record, f"{trial.record.target[0]:g} {sensor.unit}, K_P = {trial.gain:g}"
+            record, target = trial.record, f"{trial.record.target[0]:g} {sensor.unit}"
+            name = f"{target}, {trial.law}" if trial.law else target
             forces.append(Curve(name, record.time, record.true))
             commands.append(Curve(name, record.time, record.command))
         targets = {tuple(trial.record.target): trial.record for trial in chosen}.values()

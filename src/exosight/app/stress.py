@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 from exosight.app.console import progress, to_json
 from exosight.app.control_figures import stress_figure
 from exosight.app.nominal import camera_for
-from exosight.control import Adaptive, ControllerConfig, Guarded, OnnxEstimator, Proportional, Scheduled
+from exosight.control import ControllerConfig, OnnxEstimator, Proportional, guarded_of
 from exosight.control.stress import ControllerName, StressConfig
 from exosight.control.stress.episodes import draw_episode
 from exosight.control.stress.frames import Look, camera_sensor, true_sensor
@@ -20,7 +20,6 @@ from exosight.control.stress.measures import Measured, attained, measure_episode
 from exosight.control.stress.oracle import run_oracle
 from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
-from exosight.errors import InputError
 from exosight.evaluation import Column, Table
 from exosight.evaluation.figures import to_bytes
 from exosight.exosuit.published import PublishedDesigns
@@ -51,12 +50,7 @@ def prepare(
     """
     if model is None:
         return stress_plants(designs, None, sensor, channel), true_sensor
-    estimator = OnnxEstimator.load(model, threads=2)
-    if estimator.card.history:
-        raise InputError(
-            f"{model}: expected a network that reads one image, with or without commands, got one that asks "
-            f"for history {estimator.card.history}; choose another network"
-        )
+    estimator = OnnxEstimator.load(model, threads=2, history=False)
     camera = camera_for(designs, estimator) if isinstance(designs, PublishedDesigns) else None
     plants = stress_plants(designs, camera, sensor, channel)
     estimator.card.check_fits(plants.nominal.schema, "system")
@@ -94,10 +88,8 @@ def _controllers(
     name: str, limits: ControllerConfig, gains: Sequence[float], count: int
 ) -> Sequence[Controller]:
     """One of this name for each episode."""
-    if name == "guarded":
-        return [Guarded(Scheduled(limits)) for _ in range(count)]
-    if name == "adaptive":
-        return [Adaptive(limits) for _ in range(count)]
+    if name in ("guarded", "adaptive"):
+        return [guarded_of(name, limits) for _ in range(count)]
     (gain,) = (gain for gain in gains if name == f"K_P = {gain:g}")
     return [Unguarded(Proportional(gain, limits.driven), limits.weights) for _ in range(count)]
 

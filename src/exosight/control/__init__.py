@@ -13,7 +13,7 @@ scheduled         a law with the gains of those paths, and limits on actuation a
 tuning            those paths from a simulation (needs JAX: `exosight.control.tuning`)
 guard             a state machine that checks every frame: normal, slow, hold, release
 at_rest           a controller that drives nothing, for pictures alone (needs JAX)
-guarded           the loop with that law and guard in it
+guarded           the loop with that law and guard in it, or with the adaptive controller
 frame_check       what was measured in a step, and whether it can be used
 observer          what a plant does that is not the one that was solved
 adaptive          a controller that follows its observer, with authority by what it knows
@@ -27,10 +27,10 @@ trials            the paper's three constant targets and three step responses
 stress            many random episodes in which much goes wrong
 """
 
-from exosight.control.adaptive import Adaptive, AuthorityConfig
+from exosight.control.adaptive import Adaptive, AdaptiveConfig, AuthorityConfig
 from exosight.control.estimator import Estimator, OnnxEstimator, Reader
 from exosight.control.guard import GuardConfig, Guarded, Measurement, State, Transition
-from exosight.control.guarded import Sense, measurement_from, run_guarded, true_measurement
+from exosight.control.guarded import Sense, guarded_of, measurement_from, run_guarded, true_measurement
 from exosight.control.laws import Law, OpenLoop, Proportional
 from exosight.control.loop import Measure, Record, from_image, hold, hold_and_release, run, true_reading
 from exosight.control.observer import Observer, ObserverConfig
@@ -38,11 +38,18 @@ from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.plant import Observation, Plant
 from exosight.control.responses import Response, measure_response
 from exosight.control.scheduled import Scheduled
-from exosight.control.trials import CONTROL_SHAPE, Trial, published_trials, run_trials
+from exosight.control.trials import (
+    CONTROL_SHAPE,
+    Trial,
+    published_trials,
+    run_guarded_trials,
+    run_trials,
+)
 
 __all__ = [
     "CONTROL_SHAPE",
     "Adaptive",
+    "AdaptiveConfig",
     "AuthorityConfig",
     "ControllerConfig",
     "Estimator",
@@ -68,6 +75,7 @@ __all__ = [
     "Transition",
     "Trial",
     "from_image",
+    "guarded_of",
     "hold",
     "hold_and_release",
     "measure_response",
@@ -75,6 +83,7 @@ __all__ = [
     "published_trials",
     "run",
     "run_guarded",
+    "run_guarded_trials",
     "run_trials",
     "true_measurement",
     "true_reading",

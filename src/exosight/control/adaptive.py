@@ -51,24 +51,32 @@ class AuthorityConfig:
     """frames in a row that lead out of RELEASE"""
 
 
+@configuration(frozen=True, config=ConfigDict(extra="forbid"))
+class AdaptiveConfig:
+    """Settings of the adaptive controller."""
+
+    authority: AuthorityConfig = AuthorityConfig()
+    """how long it may act on predictions"""
+    observer: ObserverConfig = ObserverConfig()
+    """what is known before"""
+
+
 class Adaptive:
     """Observer, law and authority in one: `step` answers any measurement with u within its limits.
 
     config     limits and solved paths, from `exosight.control.tuning.tune`
-    authority  how long it may act on predictions
-    given      what the observer knows before
+    adaptive   its settings
     guard      when a frame is bad; of its numbers those count that say so
     """
 
     def __init__(
         self,
         config: ControllerConfig,
-        authority: AuthorityConfig | None = None,
-        given: ObserverConfig | None = None,
+        adaptive: AdaptiveConfig | None = None,
         guard: GuardConfig | None = None,
     ) -> None:
-        self.config, self.authority = config, authority or AuthorityConfig()
-        self.guard, self.observer = guard or GuardConfig(), Observer(config, given)
+        self.config, self.adaptive = config, adaptive or AdaptiveConfig()
+        self.guard, self.observer = guard or GuardConfig(), Observer(config, self.adaptive.observer)
         self._frames = FrameCheck(config, self.guard)
         self._largest = float(config.loading.controlled.max())
         self.log: list[Transition] = []
@@ -101,10 +109,13 @@ class Adaptive:
         self._behind += 1 + missed
         self._unseen += 1 + missed
         self.problem = self._frames.fault(found)
-        if self.problem is None:
-            self._observe(found)
-        else:
+        if self.problem is not None:
             self._good = 0
+        elif self._frames.repeated:
+            # It may have been sent once more, as a new one; a second one says that nothing has changed.
+            self.problem = Problem("a frame identical to the last", "look at the pictures of this moment")
+        else:
+            self._observe(found)
         self._decide()
         u = self._frames.u
         wanted = self._wanted(float(target), u, found)
@@ -137,7 +148,7 @@ class Adaptive:
 
     def _decide(self) -> None:
         """Authority, by what is known of the present."""
-        limits, unseen = self.authority, self.unseen
+        limits, unseen = self.adaptive.authority, self.unseen
         known = self.observer.predict(self._frames.u, self._behind)
         if self._over >= _OVERLOADS:
             return self._go(State.RELEASE, "an output beyond its limit by a quarter")
@@ -183,7 +194,7 @@ class Adaptive:
             if excess > 0:
                 wanted = min(wanted, self._frames.command_of(found) - config.largest_gain * excess)
         if self.state is State.SLOW and wanted > max(u, 0.0):
-            wanted = u + self.authority.slow * (min(wanted, u + config.step) - u)
+            wanted = u + self.adaptive.authority.slow * (min(wanted, u + config.step) - u)
         return wanted
 
     def _release(self, u: float, found: Measurement) -> float:

@@ -3,11 +3,12 @@
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float32, UInt8
+from jaxtyping import Float, Float32, UInt8
 
 from exosight.errors import DataError, InputError
 from exosight.learning.intervals import interval
@@ -102,6 +103,10 @@ class Reader(Protocol):
         ...
 
 
+Read = Callable[[UInt8[np.ndarray, "frames height width"]], Reading]
+"""What reads images alone: `OnnxEstimator.read` of a network that takes nothing beside."""
+
+
 def is_frame(image: object) -> bool:
     """Whether it is a gray image, uint8 (height, width), that is not empty."""
     return isinstance(image, np.ndarray) and image.dtype == np.uint8 and image.ndim == 2 and image.size > 0
@@ -116,6 +121,22 @@ def read_one(read: Callable[[UInt8[np.ndarray, "1 height width"]], Reading], ima
         return read(image[None])
     except (DataError, InputError):
         return None
+
+
+def takes_commands(estimator: object) -> bool:
+    """Whether it is a network that reads an image with the commands that it shows."""
+    return isinstance(estimator, OnnxEstimator) and estimator.card.actuation
+
+
+def read_under(estimator: Reader | Read, commands: Float[np.ndarray, " channels"]) -> Read:
+    """What reads an image that was taken under these commands; a network that takes commands gets them.
+
+    commands  [each in its channel's unit]
+    """
+    read = estimator.read if isinstance(estimator, Reader) else estimator
+    if takes_commands(estimator):
+        return partial(read, inputs=ModelInputs(commands=commands[None].astype(np.float32)))
+    return read
 
 
 def shown_score(score: float | np.floating) -> float:
@@ -133,11 +154,12 @@ class OnnxEstimator:
     """what was trained on what"""
 
     @staticmethod
-    def load(path: Path, threads: int = 1, *, alone: bool = False) -> "OnnxEstimator":
+    def load(path: Path, threads: int = 1, *, alone: bool = False, history: bool = True) -> "OnnxEstimator":
         """Open an estimator that `export_onnx` wrote.
 
         threads   for one image at 10 Hz one thread is plenty, and leaves the other cores to the plant
         alone     whether it will be shown one image and nothing beside
+        history   whether it will be shown earlier images
 
         Raises DataError if the file is missing, truncated, changed, or no estimator of exosight; InputError
         if it asks for more than it will be shown.
@@ -148,6 +170,11 @@ class OnnxEstimator:
                 f"{path}: expected a network that reads one image alone, got one that asks for history "
                 f"{card.history} and actuation {card.actuation}; give OnnxEstimator.read its ModelInputs, "
                 "use exosight evaluate or control, or choose another network"
+            )
+        if card.history and not history:
+            raise InputError(
+                f"{path}: expected a network that reads one image, with or without commands, got one that "
+                f"asks for history {card.history}; choose another network"
             )
         return OnnxEstimator(session, card)
 

@@ -121,6 +121,11 @@ class FrameCheck:
         """The command that was sent last [the channel's unit]."""
         return self._past[-1]
 
+    @property
+    def repeated(self) -> bool:
+        """Whether the last picture is that before it again, which in turn was a new one."""
+        return self._same == 1
+
     def sent(self, u: float, times: int = 1) -> None:
         """Take note of a command, for so many periods."""
         self._past.extend([u] * min(times, _HISTORY))

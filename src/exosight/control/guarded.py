@@ -1,22 +1,38 @@
-"""The loop with a guard in it, and the measurements that it needs."""
+"""The loop with a controller that judges its frames, and the measurements that it needs."""
 
 from collections.abc import Callable
-from functools import partial
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from exosight.control.adaptive import Adaptive
-from exosight.control.estimator import OnnxEstimator, Reader, Reading, read_one
-from exosight.control.guard import Guarded, Measurement
+from exosight.control.estimator import Reader, Reading, read_one, read_under
+from exosight.control.guard import GuardConfig, Guarded, Measurement
 from exosight.control.loop import Record, run
+from exosight.control.paths import ControllerConfig
 from exosight.control.plant import Observation, Plant
+from exosight.control.scheduled import Scheduled
 from exosight.errors import InputError
-from exosight.learning.model_inputs import ModelInputs
 from exosight.system.schema import difference
 
 Sense = Callable[[Observation], Measurement]
 """The measurement that the guard gets of an observation; wrap it to delay, drop or corrupt frames."""
+
+GuardedName = Literal["guarded", "adaptive"]
+"""The scheduled law behind its guard, or the adaptive controller."""
+
+
+def guarded_of(
+    name: GuardedName, config: ControllerConfig, guard: GuardConfig | None = None
+) -> Guarded | Adaptive:
+    """A new controller of this name with the settings that it has by default.
+
+    guard   when a frame is bad
+    """
+    if name == "adaptive":
+        return Adaptive(config, guard=guard)
+    return Guarded(Scheduled(config), guard or GuardConfig())
 
 
 def measurement_from(estimator: Reader) -> Sense:
@@ -24,14 +40,9 @@ def measurement_from(estimator: Reader) -> Sense:
 
     A network that takes commands gets those of the observation.
     """
-    driven = isinstance(estimator, OnnxEstimator) and estimator.card.actuation
 
     def sense(observation: Observation) -> Measurement:
-        read = estimator.read
-        if driven:
-            commands = observation.commands[None].astype(np.float32)
-            read = partial(estimator.read, inputs=ModelInputs(commands=commands))
-        reading = read_one(read, observation.image)
+        reading = read_one(read_under(estimator, observation.commands), observation.image)
         return Measurement(observation.image, reading, commands=observation.commands)
 
     return sense

@@ -9,25 +9,25 @@ actuate   the actuator; of a simulated plant, solving
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from exosight.control.actuators import Actuator
-from exosight.control.estimator import Reading, read_one
+from exosight.control.adaptive import Adaptive
+from exosight.control.estimator import Read, Reader, Reading, read_one, read_under
 from exosight.control.guard import Guarded, Measurement, Problem, State
-from exosight.control.paths import limited
+from exosight.control.paths import ControllerConfig, limited
 from exosight.control.sources import Frame, Source
 from exosight.errors import InputError
 
 _ROUND_OFF = 1e-6  # of a number of periods
+_SENT = 64  # commands remembered, for frames that come late
 STAGES = ("acquire", "estimate", "control", "actuate")
-
-Read = Callable[[UInt8[np.ndarray, "frames height width"]], Reading]
-"""What a network reads off pictures: `OnnxEstimator.read`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +45,8 @@ class Step:
     late     how long after its time the step began [s]
     problem  of the measurement; None if there is none
     missed   periods since the last step in which there was none
+    shown    (channels,)  commands under which the frame was taken, as the plant reports them, else by its
+             time [each in its channel's unit]; None: no frame came
     """
 
     time: float
@@ -58,6 +60,7 @@ class Step:
     late: float
     problem: Problem | None = None
     missed: int = 0
+    shown: Float[np.ndarray, " channels"] | None = None
 
 
 @dataclass(frozen=True)
@@ -73,8 +76,8 @@ REAL_TIME = Clock()
 
 def run_live(
     source: Source,
-    read: Read,
-    guarded: Guarded,
+    network: Reader | Read,
+    guarded: Guarded | Adaptive,
     actuator: Actuator,
     target: Iterable[float],
     done: Callable[[Step], None] = lambda step: None,
@@ -88,6 +91,7 @@ def run_live(
     the loop, an exception of anyone and Ctrl-C included, u first returns to 0 at the rate limit; a second
     Ctrl-C cuts that short, and leaves the rest to `Actuator.close`.
 
+    network  that reads the frames; one that takes commands gets those under which a frame was taken
     target   of each period [the controlled sensor's unit], a finite number; `itertools.repeat(0.2)` goes on
              until it is stopped
     done     called with every step; what it raises ends the loop
@@ -95,7 +99,7 @@ def run_live(
     """
     guarded.reset()
     period, u, slot, missed = guarded.config.period, 0.0, -1, 0
-    targets = iter(target)
+    targets, sent = iter(target), deque([(-math.inf, 0.0)], maxlen=_SENT)
     try:
         actuator.apply(u)
         begin = clock.now() + period
@@ -112,12 +116,16 @@ def run_live(
             except StopIteration:
                 return 0
             seen = clock.now()
-            reading = None if frame is None else read_one(read, frame.image)
+            shown = None if frame is None else _shown(frame, guarded.config, sent)
+            reading = None
+            if frame is not None and shown is not None:
+                reading = read_one(read_under(network, shown), frame.image)
             estimated = clock.now()
             measurement = Measurement() if frame is None else _measurement(frame, reading, estimated)
             changes, force = len(guarded.log), ahead[-1]
             u = guarded.step(force, measurement, missed)
             decided = clock.now()
+            sent.append((decided, u))
             actuator.apply(u)
             done(
                 Step(
@@ -132,6 +140,7 @@ def run_live(
                     seconds=np.diff([started, seen, estimated, decided, clock.now()]),
                     late=started - due,
                     missed=missed,
+                    shown=shown,
                 )
             )
             passed = (clock.now() - begin) / period - slot  # periods since this one began
@@ -144,7 +153,20 @@ def _measurement(frame: Frame, reading: Reading | None, now: float) -> Measureme
     return Measurement(frame.image, reading, age=now - frame.time, commands=frame.commands)
 
 
-def _let_go(guarded: Guarded, actuator: Actuator, u: float, clock: Clock) -> None:
+def _shown(
+    frame: Frame, config: ControllerConfig, sent: Sequence[tuple[float, float]]
+) -> Float[np.ndarray, " channels"]:
+    """The commands under which a frame was taken.
+
+    sent  times at which u was sent, rising [s], and u
+    """
+    if frame.commands is not None:
+        return frame.commands
+    before = (u for time, u in reversed(sent) if time <= frame.time)
+    return config.commands(next(before, sent[0][1]))
+
+
+def _let_go(guarded: Guarded | Adaptive, actuator: Actuator, u: float, clock: Clock) -> None:
     while u != 0:
         clock.sleep(guarded.config.period)
         u = limited(guarded.config, u, 0.0)

@@ -21,16 +21,18 @@ from jaxtyping import Bool, Float, Float32, Int8, Int32, UInt8
 from pydantic import TypeAdapter, ValidationError
 
 from exosight import __version__
+from exosight.control.adaptive import Adaptive, AdaptiveConfig
 from exosight.control.guard import GuardConfig, Guarded, State
 from exosight.control.paths import ControllerConfig, ForcePath
 from exosight.control.realtime import STAGES, Step
+from exosight.control.scheduled import Scheduled
 from exosight.errors import DataError, InputError
 from exosight.files import check_absent, check_format, open_file, unfinished, write_error
 from exosight.hdf5 import array, as_closed, group, opened, stored_rows, text, whole_array
 from exosight.system.schema import schema_from_dict, schema_to_dict
 from exosight.validation import first_fault
 
-FORMAT = 4
+FORMAT = 5
 """Version of recordings; a reader takes this one."""
 
 _FORMAT_PREFIX = "exosight recording "
@@ -41,6 +43,7 @@ _CAUSE_LENGTH = 160  # bytes
 _CAUSE = f"S{_CAUSE_LENGTH}"
 _HEAD = 2**18  # bytes: more than the controller's paths take, or what HDF5 adds to a second of steps
 _GUARD = TypeAdapter(GuardConfig)
+_ADAPTIVE: TypeAdapter[AdaptiveConfig | None] = TypeAdapter(AdaptiveConfig | None)
 _ARRAYS = ("u", "outputs", "controlled", "snapped")
 _NAMES = ("sensor", "channel")
 _NUMBERS = ("rate", "period", "smallest_gain", "largest_gain")
@@ -93,6 +96,9 @@ def columns(config: ControllerConfig) -> dict[str, Column]:
             lambda s: s.measurement.commands,
             math.nan,
         ),
+        "shown": Column(
+            "f8", *commands, "the same, or those sent when the frame was taken", lambda s: s.shown, math.nan
+        ),
         "age": Column(
             "f8", (), "s", "of the frame when it was acted on", lambda s: s.measurement.age, math.nan
         ),
@@ -128,16 +134,19 @@ class Recording:
     model       SHA-256 of the network's file
     controller  what the law knew of the plant, its schema and the names of sensor and channel among it
     guard       what was trusted
+    adaptive    settings of the adaptive controller; None: it was the guarded one
     """
 
     path: Path
     model: str
     controller: ControllerConfig
     guard: GuardConfig
+    adaptive: AdaptiveConfig | None
     time: Float[np.ndarray, " steps"]
     target: Float[np.ndarray, " steps"]
     command: Float[np.ndarray, " steps"]
     reported: Float[np.ndarray, "steps channels"]
+    shown: Float[np.ndarray, "steps channels"]
     age: Float[np.ndarray, " steps"]
     has_frame: Bool[np.ndarray, " steps"]
     has_estimate: Bool[np.ndarray, " steps"]
@@ -155,6 +164,12 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.time)
+
+    def guarded(self) -> Guarded | Adaptive:
+        """A new controller as the one that was recorded."""
+        if self.adaptive is None:
+            return Guarded(Scheduled(self.controller), self.guard)
+        return Adaptive(self.controller, self.adaptive, self.guard)
 
     def images(self) -> Iterator[UInt8[np.ndarray, "height width"]]:
         """The image of every step, gray 0…255; DataError if the file is damaged there, or gone."""
@@ -176,7 +191,7 @@ class Recorder:
     Raises DataError if the file exists or cannot be written.
     """
 
-    def __init__(self, path: Path, shape: tuple[int, int], guarded: Guarded, model: Path) -> None:
+    def __init__(self, path: Path, shape: tuple[int, int], guarded: Guarded | Adaptive, model: Path) -> None:
         self._path, self._shape, self._rows = path, shape, []
         self._columns = columns(guarded.config)
         self._block = _block(guarded.config)
@@ -261,7 +276,7 @@ def read_recording(path: Path) -> Recording:
         found = int(version) if version.isascii() and version.isdecimal() and len(version) < 9 else None
         check_format(path, "recording", found, FORMAT, "record the run again with exosight live --record")
         model = text(file, "model")
-        controller, guard = _controller(file)
+        controller, guard, adaptive = _controller(file)
         wanted = columns(controller)
         stored = {
             name: array(file, name, column.kind, (None, *column.row)) for name, column in wanted.items()
@@ -276,7 +291,7 @@ def read_recording(path: Path) -> Recording:
             _check_values(name, values[name], column)
     if steps == 0:
         raise DataError(f"{path}: holds no step; it was stopped within its first second")
-    return Recording(path, model, controller, guard, **values)
+    return Recording(path, model, controller, guard, adaptive, **values)
 
 
 def checksum(model: Path) -> str:
@@ -284,11 +299,15 @@ def checksum(model: Path) -> str:
     return hashlib.sha256(model.read_bytes()).hexdigest()
 
 
-def _write_head(file: h5py.File, guarded: Guarded, model: Path, shape: tuple[int, int], block: int) -> None:
+def _write_head(
+    file: h5py.File, guarded: Guarded | Adaptive, model: Path, shape: tuple[int, int], block: int
+) -> None:
     file.attrs["format"] = f"{_FORMAT_PREFIX}{FORMAT}"
     file.attrs["exosight_version"] = __version__
     file.attrs["model"] = checksum(model)
     file.attrs["guard"] = json.dumps(_GUARD.dump_python(guarded.guard))
+    adaptive = guarded.adaptive if isinstance(guarded, Adaptive) else None
+    file.attrs["adaptive"] = json.dumps(_ADAPTIVE.dump_python(adaptive))
     for name, column in columns(guarded.config).items():
         row = column.row
         data = file.create_dataset(name, (0, *row), column.kind, chunks=(block, *row), maxshape=(None, *row))
@@ -329,7 +348,7 @@ def _step_bytes(wanted: dict[str, Column]) -> int:
     return sum(np.dtype(column.kind).itemsize * math.prod(column.row) for column in wanted.values())
 
 
-def _controller(file: h5py.File) -> tuple[ControllerConfig, GuardConfig]:
+def _controller(file: h5py.File) -> tuple[ControllerConfig, GuardConfig, AdaptiveConfig | None]:
     inside = group(file, "controller")
 
     def numbers(name: str, kind: str, shape: tuple[int | None, ...]) -> np.ndarray:
@@ -357,10 +376,11 @@ def _controller(file: h5py.File) -> tuple[ControllerConfig, GuardConfig]:
             **values,
         )
         guard = _GUARD.validate_python(json.loads(text(file, "guard")))
+        adaptive = _ADAPTIVE.validate_python(json.loads(text(file, "adaptive")))
     except (InputError, ValidationError, RecursionError) as error:
         fault = first_fault(error) if isinstance(error, ValidationError) else error
         raise ValueError(str(fault)) from error
-    return config, guard
+    return config, guard, adaptive
 
 
 def _images(file: h5py.File) -> h5py.Dataset:

@@ -1,15 +1,13 @@
 """A recording's frames through network and guard once more."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Float32, Int8, UInt8
+from jaxtyping import Float, Float32, Int8
 
-from exosight.control.estimator import Reading
-from exosight.control.guard import Guarded, Measurement
+from exosight.control.estimator import Read, Reader, read_under
+from exosight.control.guard import Measurement
 from exosight.control.recording import STATES, Recording
-from exosight.control.scheduled import Scheduled
 from exosight.errors import DataError
 
 
@@ -28,22 +26,22 @@ class Replay:
     """of the guard"""
 
 
-def replay(recording: Recording, read: Callable[[UInt8[np.ndarray, "1 height width"]], Reading]) -> Replay:
-    """What network and guard answer to the frames of a recording: with the same network, the same again.
+def replay(recording: Recording, network: Reader | Read) -> Replay:
+    """What network and controller answer to the frames of a recording: with the same network, the same again.
 
-    read   `OnnxEstimator.read` of the same network, or of another one to compare
+    network   the same, or another one to compare
 
     Raises InputError if the network takes pictures of another size, or reads off other sensors; DataError if
     an image is damaged.
     """
-    guarded = Guarded(Scheduled(recording.controller), recording.guard)
+    guarded = recording.guarded()
     estimated, state = np.zeros_like(recording.estimated), recording.state.copy()
     command = np.zeros(len(recording))
     for i, image in enumerate(recording.images()):
         measurement = Measurement()
         if recording.has_frame[i]:
             try:
-                reading = read(image[None])
+                reading = read_under(network, recording.shown[i])(image[None])
                 estimated[i] = reading.forces[0]
             except DataError:  # no finite number, which is no answer
                 reading = None

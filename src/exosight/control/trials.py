@@ -1,11 +1,15 @@
 """Trials of the closed loop: targets that are held and released, among them the six of the paper."""
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from exosight.control.adaptive import Adaptive
+from exosight.control.guard import Guarded
+from exosight.control.guarded import Sense, run_guarded
 from exosight.control.laws import Proportional
 from exosight.control.loop import RATE, Measure, Record, hold, hold_and_release, run
 from exosight.control.plant import Plant
@@ -39,9 +43,14 @@ class Trial:
     """One run and what was measured on its true readings."""
 
     gain: float
-    """K_P [the channel's unit per that of the sensor]"""
+    """K_P of the paper's law [the channel's unit per that of the sensor]; NaN: of another controller"""
     record: Record
     response: Response
+
+    @property
+    def law(self) -> str:
+        """The paper's by its gain, such as "K_P = 5"; empty for another controller."""
+        return "" if math.isnan(self.gain) else f"K_P = {self.gain:g}"
 
     @property
     def released(self) -> bool:
@@ -75,6 +84,17 @@ def run_trials(
     """
     driven = plant.schema.channel(channel)
     for gain, target in asked:
-        record = run(plant, Proportional(gain, driven), measure, target, sensor, channel)
-        response = measure_response(record.time, record.target, record.true, record.command, record.driven)
-        yield Trial(gain, record, response)
+        yield _measured(gain, run(plant, Proportional(gain, driven), measure, target, sensor, channel))
+
+
+def run_guarded_trials(
+    plant: Plant, guarded: Guarded | Adaptive, sense: Sense, targets: Iterable[Float[np.ndarray, " _"]]
+) -> Iterator[Trial]:
+    """Trials of a controller that judges its frames; arguments as for `run_guarded`, targets as above."""
+    for target in targets:
+        yield _measured(math.nan, run_guarded(plant, guarded, sense, target))
+
+
+def _measured(gain: float, record: Record) -> Trial:
+    response = measure_response(record.time, record.target, record.true, record.command, record.driven)
+    return Trial(gain, record, response)

@@ -41,7 +41,7 @@ def closed_loop(loop: LoopResult) -> Section:
             ),
             _constant_table(constant, loop.folder),
             Picture(
-                step_responses({trial.gain: trial.record for trial in steps}),
+                step_responses({trial.law: trial.record for trial in steps}),
                 "Step responses: the target is held, then switched to 0 N. Error: target minus estimate, the "
                 "input of the controller.",
                 "Line plots over time of F_net, error and actuation, a line for each gain.",

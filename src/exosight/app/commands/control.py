@@ -1,6 +1,6 @@
 """`exosight control`: the closed loop, with a network or the true reading as its sensor."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from pydantic import Field
@@ -8,6 +8,8 @@ from pydantic import Field
 from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath, Plot
 from exosight.app.console import check_json_target, results_folder, show_or_write
 from exosight.app.output import check_plot
+from exosight.control.guarded import GuardedName
+from exosight.errors import InputError
 
 Target = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
@@ -16,27 +18,31 @@ def control(
     loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = NOMINAL_LOOP,
     targets: tuple[Target, ...] = (),
     gains: tuple[Target, ...] = (),
+    controller: Literal["proportional", GuardedName] = "proportional",
     model: MaybePath = None,
     out: MaybePath = None,
     plot: Plot = None,
     json: Json = None,
 ) -> None:
-    """Close the loop on a simulated system, with the paper's law.
+    """Close the loop on a simulated system, with the paper's law or another controller.
 
     The published system goes through the paper's six trials: constant targets 0.25, 0.30, 0.35 N with
     K_P = 5; and 0.2 N for 10 s, then 0 N, with K_P = 0.1, 1 and 100. With another system, or any of the
     options sensor, channel, targets and gains, each target is held for 10 s and then released, with each
-    gain. What is measured is the network's estimate from the camera image; without a network it is the true
-    reading.
+    gain. A controller that is guarded or adaptive has no gain: it is tuned on a simulation of the system and
+    goes through each of these targets once. What is measured is the network's estimate from the camera image;
+    without a network it is the true reading.
 
     Examples:
       exosight control --model results/light/model.onnx --out results/control
       exosight control --system examples/systems/thumb.toml --targets 0.2 0.3
+      exosight control --system index --controller adaptive --model index-control --targets 0.25 0.3 0.35
 
     Args:
         loop: what is driven
         targets: of the sensor [its unit]; default: half of its largest reading within the limits
         gains: K_P [channel's unit per sensor's]; default: half of what the steepest part of the path asks for
+        controller: the paper's proportional law; the scheduled law behind its guard; or the adaptive one
         model: exported network, from `exosight train`, or 'shipped', the package's own for the system;
             without it the sensor is the true reading
         out: folder for time series (CSV), figures (SVG), results and configuration (JSON); it must not exist
@@ -45,9 +51,14 @@ def control(
     """
     check_json_target(json)
     check_plot(plot)
+    if gains and controller != "proportional":
+        raise InputError(
+            f"control: expected --gains with the proportional law alone, got {controller}; leave them out"
+        )
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
     from exosight.app.control_command import (
         held_and_released,
+        run_guarded_with_progress,
         run_with_progress,
         summaries,
         trials_table,
@@ -55,7 +66,15 @@ def control(
     )
     from exosight.app.nominal import nominal_system
     from exosight.app.plots import plot_trials, write_plot
-    from exosight.control import CONTROL_SHAPE, OnnxEstimator, from_image, published_trials, true_reading
+    from exosight.control import (
+        CONTROL_SHAPE,
+        OnnxEstimator,
+        from_image,
+        measurement_from,
+        published_trials,
+        true_measurement,
+        true_reading,
+    )
     from exosight.control.estimator import model_name, model_path
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.catalogue import find_system
@@ -63,19 +82,24 @@ def control(
 
     designs = find_system(loop.system)
     place = None if model is None else model_path(model, loop.system)
-    estimator = None if place is None else OnnxEstimator.load(place)
+    proportional = controller == "proportional"
+    estimator = None if place is None else OnnxEstimator.load(place, history=proportional)
     driven = nominal_system(designs, Exosuit(CONTROL_SHAPE), estimator)
-    measure = (
-        true_reading(loop.sensor) if estimator is None else from_image(estimator, driven.schema, loop.sensor)
-    )
     if isinstance(designs, PublishedDesigns) and not (loop.sensor or loop.channel or targets or gains):
         asked = published_trials()
     else:
         asked = held_and_released(driven, loop.sensor, loop.channel, targets, gains)
     with results_folder(out) as folder:
-        trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
+        if controller == "proportional":
+            measure = true_reading(loop.sensor)
+            if estimator is not None:
+                measure = from_image(estimator, driven.schema, loop.sensor)
+            trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
+        else:
+            sense = true_measurement if estimator is None else measurement_from(estimator)
+            trials = run_guarded_with_progress(driven, controller, sense, asked, loop.sensor, loop.channel)
         if folder is not None:
-            write_trials(trials, place and model_name(place), driven.camera, folder)
+            write_trials(trials, place and model_name(place), driven.camera, folder, controller)
     if plot is not None:
         write_plot(plot_trials(trials), plot)
     show_or_write([trials_table(trials)], {"trials": summaries(trials)}, json)

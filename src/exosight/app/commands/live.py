@@ -20,6 +20,7 @@ from exosight.app.commands.options import (
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import check_new_file, check_plot
 from exosight.control.actuators import UDP, serial_place
+from exosight.control.guarded import GuardedName
 from exosight.errors import InputError
 
 if TYPE_CHECKING:
@@ -59,6 +60,8 @@ class RunOptions:
     """for how long [s]"""
     rate: Annotated[float, Field(gt=0, le=1000)] = 10.0
     """steps a second [Hz]"""
+    controller: GuardedName = "guarded"
+    """the scheduled law behind its guard; or the adaptive one, for systems without jumps, such as index"""
     contact_limit: MaybePositive = None
     """largest force on any one contact [N]; default: the sensors' own, or 0.5"""
     max_rate: MaybePositive = None
@@ -93,6 +96,7 @@ def live(
       exosight live --source 0 --target 0.3 --record run.h5
       exosight live --source 0 --send /dev/ttyUSB0 --actuator valve.csv
       exosight live --source 0 --send /dev/ttyUSB0@9600
+      exosight live --system index --controller adaptive --model index-control
       exosight live --system thumb.toml --model results/thumb/model.onnx
       exosight live --source 0 --model results/rig/model.onnx --record run.h5
 
@@ -135,12 +139,14 @@ def live(
     from exosight.system.designs import FileDesigns
 
     place = model_path(model, loop.system)
-    network = OnnxEstimator.load(place, alone=True)
+    network = OnnxEstimator.load(place, history=False)
     if network.card.schema.measured:
-        own = NOMINAL_LOOP
+        network = OnnxEstimator.load(place, alone=True)  # no commands are known of what is not driven
+        own, own_run = NOMINAL_LOOP, NOMINAL_RUN
         changed = {
             "system": loop.system != own.system, "sensor": loop.sensor, "channel": loop.channel,
             "target": run.target, "contact-limit": run.contact_limit, "max-rate": run.max_rate,
+            "controller": run.controller != own_run.controller,
             "send": device.send, "actuator": device.actuator,
             **{name.replace("_", "-"): True for name in exosuit.given()},
         }  # fmt: skip
@@ -165,7 +171,7 @@ def live(
             unit = config.controlled.unit
             say(f"{config.sensor} reads at most {largest:.3f} {unit} within the limits, less than the target")
         targets, log = [target] * max(1, round(run.seconds * run.rate)), Log(say, config)
-        started = LiveRun(system, network, place, config, targets, run.record)
+        started = LiveRun(system, network, place, config, targets, run.record, run.controller)
         try:
             if frames is None:
                 on_simulation(started, log)

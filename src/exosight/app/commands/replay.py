@@ -47,9 +47,9 @@ def replay(
     recorded = read_recording(recording)
     config = recorded.controller
     place = model_path(model, config.schema.system)
-    network = OnnxEstimator.load(place, alone=True)
+    network = OnnxEstimator.load(place, history=False)
     network.card.check_fits(config.schema, "recording")
-    again = run(recorded, network.read)
+    again = run(recorded, network)
     outputs = float(np.abs(again.estimated - recorded.estimated).max())
     u = float(np.abs(again.command - recorded.command).max())
     states = int(np.count_nonzero(again.state != recorded.state))

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from exosight.control.batch import BatchPlant
-from exosight.control.estimator import OnnxEstimator, Reader, Reading
+from exosight.control.estimator import OnnxEstimator, Reader, Reading, takes_commands
 from exosight.control.guard import Measurement
 from exosight.control.loop import RATE
 from exosight.control.stress.episodes import Burst, Episode
@@ -25,7 +25,6 @@ def camera_sensor(estimator: Reader) -> Look:
 
     A network that takes commands gets those of the pictures.
     """
-    driven = isinstance(estimator, OnnxEstimator) and estimator.card.actuation
 
     def sense(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
         images = np.concatenate(
@@ -34,7 +33,7 @@ def camera_sensor(estimator: Reader) -> Look:
         for image, episode in zip(images, episodes, strict=True):
             for burst in _now(episode, step):
                 image[:] = _corrupted(image, burst, step)
-        if driven:
+        if takes_commands(estimator):
             assert isinstance(estimator, OnnxEstimator)
             commands = plant.state.commands.astype(np.float32)
             return images, estimator.read(images, inputs=ModelInputs(commands=commands))
