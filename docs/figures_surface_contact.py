@@ -1,8 +1,8 @@
 """Figures and tables of docs/surface_contact.md: `index` beside `published`; some minutes on one core.
 
 `python docs/figures_surface_contact.py` simulates and draws; with `--draw` it draws what docs/results holds.
-Accuracy and data, also those of the model cards, are those of, with DATA from `exosight generate --system index
---per-scenario 125` and FRICTION from `exosight generate --system index-friction --per-scenario 125`,
+Accuracy and data, also those of the model cards, are those of, with DATA from `exosight generate
+--system index --per-scenario 125` and FRICTION from the same with `--system index-friction`,
 
 index_data.json               what `generate` tells with --json
 accuracy/index.json           exosight evaluate --data DATA --json docs/results/accuracy/index.json
