@@ -207,7 +207,8 @@ def test_networks_by_name_fit_their_system() -> None:
 
 def test_a_system_of_another_name_gets_the_network_of_its_sensors_and_cameras() -> None:
     """As an identified rig does, whose loads may be in another unit."""
-    for name, path in SHIPPED_MODELS.items():
+    for name in ("published", "index"):  # that of index-friction estimates the same as that of index
+        path = SHIPPED_MODELS[name]
         known = OnnxEstimator.load(path).card.schema
         (channel,) = known.channels
         renamed = replace(known, system="my_rig", channels=(replace(channel, unit="kPa"),))

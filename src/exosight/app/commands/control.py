@@ -36,7 +36,7 @@ def control(
     Examples:
       exosight control --model results/light/model.onnx --out results/control
       exosight control --system examples/systems/thumb.toml --targets 0.2 0.3
-      exosight control --system index --controller adaptive --model index-control --targets 0.25 0.3 0.35
+      exosight control --system index --controller adaptive --model index-control
 
     Args:
         loop: what is driven
@@ -90,7 +90,7 @@ def control(
     else:
         asked = held_and_released(driven, loop.sensor, loop.channel, targets, gains)
     with results_folder(out) as folder:
-        if controller == "proportional":
+        if proportional:
             measure = true_reading(loop.sensor)
             if estimator is not None:
                 measure = from_image(estimator, driven.schema, loop.sensor)

@@ -39,7 +39,7 @@ def import_(
       exosight import run.mp4 --table forces.csv --tolerance 0.02 --out results/rig
       exosight import data.mat --order HWN --unit N --out results/rig
       exosight import bags --images /camera/image_raw --out results/rig
-      exosight import lerobot --sensors "ft_fz [N]" --commands "action [kPa]" --out results/rig
+      exosight import lerobot --sensors "ft_fz [N]" --out results/rig
 
     Args:
         source: folder of pictures, video, .mat file, LeRobot dataset, recording of ROS, or folder of such
