@@ -12,7 +12,7 @@ from contextlib import suppress
 from enum import Enum
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, no_type_check
 
 import jax
 import numpy as np
@@ -121,6 +121,7 @@ def _add_array(update: Callable[[bytes], None], value: Any) -> None:
     update(f"{array.dtype}{array.shape}".encode() + array.tobytes())
 
 
+@no_type_check  # see conditional
 def _add_equations(update: Callable[[bytes], None], jaxpr: Jaxpr) -> None:
     names: dict[Any, int] = {}
 
@@ -145,6 +146,7 @@ def _add_equations(update: Callable[[bytes], None], jaxpr: Jaxpr) -> None:
     write(jaxpr.outvars)
 
 
+@no_type_check  # see conditional
 def _add_parameter(update: Callable[[bytes], None], value: Any) -> None:
     """All that the rules of `tracing` look at; of anything else (functions, devices) only the kind."""
     if isinstance(value, ClosedJaxpr):

@@ -133,7 +133,9 @@ def _additions(
     additions: dict[int, _Addition] = {}
     for i in own:
         x = args[i]
-        if op[i] == Op.DOT:
+        if choices.isdisjoint(x):
+            pass
+        elif op[i] == Op.DOT:
             _split(op, args, i, one, condition, result, additions)
         elif op[i] in SUMS:
             # The last summand of ADD and SUB, or the product of the two others; either summand of ADD.
@@ -239,6 +241,7 @@ def _needed(
     return conditions, need
 
 
+@no_type_check
 def _of(bits: int, conditions: Sequence[int]) -> Iterator[int]:
     """The conditions that the bits of a number stand for."""
     while bits:

@@ -8,7 +8,7 @@ depends on the design alone is computed once.
 from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby
-from typing import NamedTuple
+from typing import NamedTuple, no_type_check
 
 import numpy as np
 from jaxtyping import Float, Integer
@@ -178,6 +178,7 @@ def _allocated(
     )
 
 
+@no_type_check  # see conditional
 def _code(op: list[int], args: list[tuple[int, ...]], order: list[int], slot: dict[int, int]) -> list[int]:
     terms = {int(Op.DOT): lambda a: len(a) // 2, int(Op.LOOKUP): lambda a: len(a) - 1}
     kinds = [(op[i], terms[op[i]](args[i])) if op[i] in terms else (op[i],) for i in order]

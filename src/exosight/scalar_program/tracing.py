@@ -5,7 +5,7 @@ or a gather only changes which value stands where.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, no_type_check
 
 import numpy as np
 from jax.extend.core import ClosedJaxpr, Literal
@@ -20,6 +20,7 @@ def values_of(graph: Graph, closed: ClosedJaxpr, inputs: Sequence[Values]) -> li
     return _run(graph, closed.jaxpr, [_lift(graph, c) for c in closed.consts], inputs)
 
 
+@no_type_check  # see conditional
 def _lift(graph: Graph, value: Any) -> Values:
     value = np.asarray(value)
     if value.dtype.kind not in "fiub":
@@ -29,6 +30,7 @@ def _lift(graph: Graph, value: Any) -> Values:
     return np.asarray(numbers[which]).reshape(value.shape)
 
 
+@no_type_check  # see conditional
 def _run(graph: Graph, jaxpr: Any, consts: Sequence[Values], inputs: Sequence[Values]) -> list[Values]:
     values: dict[Any, Values] = {}
 
@@ -50,6 +52,7 @@ def _run(graph: Graph, jaxpr: Any, consts: Sequence[Values], inputs: Sequence[Va
     return [read(v) for v in jaxpr.outvars]
 
 
+@no_type_check  # see conditional
 def _each(function: Callable, *arrays: Any) -> Values:
     """A scalar function on arrays of value numbers, broadcast."""
     return np.asarray(np.frompyfunc(function, len(arrays), 1)(*arrays), dtype=np.int64)
