@@ -78,10 +78,10 @@ PRESETS: dict[PresetName, StudyConfig] = {
     "quick": StudyConfig(
         data=GenerateConfig(per_scenario=10),
         runs=(
-            RunConfig("design", TrainConfig(network="light", epochs=80)),
-            RunConfig("frame", TrainConfig(network="light", epochs=20)),
+            RunConfig("design", TrainConfig(network="light", epochs=40)),
+            RunConfig("frame", TrainConfig(network="light", epochs=10)),
         ),
-        index=RunConfig("design", TrainConfig(network="light", epochs=80)),
+        index=RunConfig("design", TrainConfig(network="light", epochs=40)),
     ),
     "paper": StudyConfig(
         data=GenerateConfig(per_scenario=125),
