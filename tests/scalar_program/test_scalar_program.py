@@ -14,6 +14,7 @@ from exosight.scalar_program import Unsupported, call_unrolled, unroll
 from exosight.scalar_program.conditional import arrange
 from exosight.scalar_program.graph import Graph
 from exosight.scalar_program.operations import Op
+from exosight.scalar_program.program import Stage, programs
 from exosight.scalar_program.tracing import values_of
 
 SAME = 1e-14
@@ -217,6 +218,17 @@ def test_what_is_skipped_counts_for_nothing(x: np.ndarray, shift: float) -> None
     found = jax.vmap(lambda x: program(0, None, (x, weights))[0])(x)
     for ours, theirs in zip(found, jax.vmap(lambda x: touching(x, weights))(x), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=10 * SAME, atol=10 * SAME)
+
+
+def test_a_long_chain_of_sums_is_not_one_operation() -> None:
+    """How many products one operation has must fit in 16 bits of its code."""
+    graph = Graph()
+    x, y = graph.inputs(300), graph.inputs(300)
+    total = graph.mul(x[0], y[0])
+    for k in range(1, 70_000):
+        total = graph.add(total, graph.mul(x[k // 300], y[k % 300]))
+    (made,) = programs(graph, [Stage([*x, *y], [total])])
+    assert made.code.dtype == np.uint16
 
 
 def test_what_only_a_condition_needs_is_behind_it() -> None:

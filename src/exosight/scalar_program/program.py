@@ -20,6 +20,9 @@ from exosight.scalar_program.operations import Op
 LONGEST_RUN = 60_000
 """Operations of one kind in a row; their number has to fit in 16 bits."""
 
+LONGEST_CHAIN = 200
+"""Products of a sum that one more is joined to: it is written anew each time."""
+
 
 class Program(NamedTuple):
     """What the interpreter runs. Slots 0, 1, … hold first the constants, then the arguments.
@@ -124,7 +127,8 @@ def _fuse(
             a, b = b, a
         gone.add(b)
         x, y = args[b]
-        if a in alike and op[i] == Op.ADD and op[a] in (Op.MUL, Op.DOT):
+        joins = op[a] in (Op.MUL, Op.DOT) and len(args[a]) < 2 * LONGEST_CHAIN
+        if a in alike and op[i] == Op.ADD and joins:
             gone.add(a)
             op[i], args[i] = int(Op.DOT), (*args[a], x, y)
         elif a in own:
