@@ -32,7 +32,8 @@ from exosight.mechanics import (
 )
 from exosight.mechanics.friction import friction
 from exosight.mechanics.kinematics import walk
-from exosight.mechanics.surface_contact import SolidContact, Solids, Tube
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surfaces import Solids, Tube
 from exosight.mechanics.tree import Tree
 
 MU, ANGLE = 0.3, np.pi / 2

@@ -41,7 +41,7 @@ from exosight.mechanics import (
 )
 from exosight.mechanics.friction import friction
 from exosight.mechanics.rigid_contact import RigidContact
-from exosight.mechanics.surface_contact import Plane, Solids
+from exosight.mechanics.surfaces import Plane, Solids
 from exosight.mechanics.tree import Tree
 
 G, MASS, RADIUS, LENGTH = 9.81, 0.1, 0.005, 0.03

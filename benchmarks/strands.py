@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.neighbours import Case
 from exosight.mechanics import Circular, Gauss, NodalQuadratic, Robot, Rod
-from exosight.mechanics.surface_contact import Tube
+from exosight.mechanics.surfaces import Tube
 from exosight.mechanics.tube_contact import TubeContact
 
 RADIUS, DEPTH, SIDE, LOOP = 2e-3, 1e-4, 0.05, 0.01

@@ -27,7 +27,7 @@ from exosight.mechanics import (
 from exosight.mechanics.friction import friction
 from exosight.mechanics.relaxation import relaxation
 from exosight.mechanics.rigid_contact import RigidContact
-from exosight.mechanics.surface_contact import Plane, Solids
+from exosight.mechanics.surfaces import Plane, Solids
 from exosight.mechanics.tree import Tree
 
 MU, STIFFNESS, PRESS = 0.3, 2e4, 1.0

@@ -29,7 +29,8 @@ from exosight.mechanics import (
 from exosight.mechanics.friction import SHEAR, Friction, Held, Slip, friction
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.rod import STRAINS
-from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surfaces import Plane, Solids, Tube
 from exosight.mechanics.tree import Tree
 
 MU, STIFFNESS, SPRING = 0.3, 2e4, 10.0

@@ -15,7 +15,7 @@ from exosight.mechanics import Gravity, Link, Prismatic, Revolute, Robot, drive
 from exosight.mechanics.cones import Cones, between, closest_pair
 from exosight.mechanics.evaluator import program_of
 from exosight.mechanics.rigid_contact import RigidContact
-from exosight.mechanics.surface_contact import Plane, Solids
+from exosight.mechanics.surfaces import Plane, Solids
 
 STIFFNESS = 2e4
 COUNT = 48

@@ -30,7 +30,8 @@ from exosight.mechanics import (
 from exosight.mechanics.contact_damping import ContactDamping
 from exosight.mechanics.friction import SHEAR, friction
 from exosight.mechanics.rigid_contact import RigidContact
-from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surfaces import Plane, Solids, Tube
 from exosight.mechanics.tree import Tree
 
 G, MASS, RADIUS, LENGTH = 9.81, 0.1, 0.005, 0.03

@@ -14,14 +14,9 @@ from scipy.optimize import minimize_scalar
 from exosight import lie
 from exosight.mechanics import Circular, Gauss, Link, NodalQuadratic, Revolute, Robot, Rod
 from exosight.mechanics.rod import STRAINS
-from exosight.mechanics.surface_contact import (
-    Plane,
-    SolidContact,
-    Solids,
-    Term,
-    Tube,
-    line_stiffness,
-)
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surfaces import Plane, Solids, Tube, line_stiffness
+from exosight.mechanics.term import Term
 from exosight.mechanics.tree import Tree
 from exosight.mechanics.tube_contact import FAR, TubeContact
 
@@ -87,10 +82,11 @@ def finger_pose(finger: tuple[Robot, SolidContact]) -> np.ndarray:
     """Coordinates at which points touch a side, a shared end, and both sides of an edge."""
     robot, contact = finger
     q = np.random.default_rng(7).normal(size=robot.dofs) * 0.02
-    q[-1] = -0.03
+    q[-1] = -0.2
     at = touching(contact, robot, jnp.asarray(q))
-    share = np.asarray(at.share[1])
-    assert ((share > 0.02) & (share < 0.48) & (np.asarray(at.overlap) > 0)).any(), share
+    share, touches = np.asarray(at.share[1]), np.asarray(at.overlap) > 0
+    assert ((share > 0.02) & (share < 0.48) & touches).any(), share
+    assert (np.asarray(at.touches[0].on_end) & touches).any()
     for plane in robot.terms[1:]:
         assert (np.asarray(touching(plane, robot, jnp.asarray(q)).overlap) > 1e-5).any()
     return q
@@ -245,7 +241,7 @@ def test_a_tube_that_lies_on_a_plane() -> None:
     assert float(contact.pressure(robot, at).sum()) == pytest.approx(
         STIFFNESS * 1e-4 * (LENGTH + 0.5 * 0.005)
     )
-    np.testing.assert_allclose(at.touches[0].normal, np.tile(up, (FINE.size, 1)), atol=1e-15)
+    np.testing.assert_allclose(at.touches[0].normal, np.tile(up, (len(at.overlap), 1)), atol=1e-15)
 
 
 def test_stiffness_of_a_line() -> None:

@@ -10,7 +10,7 @@ from exosight.arrays import floats
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.published import NOMINAL_CAMERA, published
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape
-from exosight.mechanics.surface_contact import line_stiffness
+from exosight.mechanics.surfaces import line_stiffness
 from exosight.system.camera import Camera
 from exosight.system.sensors import ContactForce, PlaceZone
 from exosight.system.system import Contact, System

@@ -5,6 +5,7 @@ joint, link, rod, robot      bodies and their tree
 kinematics                   forward kinematics of the tree: poses, Jacobians; pull-back of wrenches
 energy                       the potential: elasticity, joint limits, sum of the terms
 contact, actuation           contact of spheres; pressure and cables along a line
+surfaces                     tubes around rods, tapered solids, planes
 surface_contact              contact of rods' tubes with links and planes; tube_contact with each other
 rigid_contact, cones         contact of links with links and planes, by their closest spheres
 friction                     Coulomb friction of any of these, with a memory of where points stuck

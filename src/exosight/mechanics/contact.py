@@ -34,6 +34,7 @@ class Pressing(NamedTuple):
     normal    (points, 3)      unit vector, from the second side to the first, in the world
     force     (points,)        [N]
     rate      (points, dofs)   its derivative
+    stiffness (points,)        of what touches [N/m]
     """
 
     partner: Float[Array, " points"]
@@ -41,6 +42,7 @@ class Pressing(NamedTuple):
     normal: Float[Array, "points 3"]
     force: Float[AnyArray, " points"]
     rate: Float[Array, "points dofs"]
+    stiffness: Float[AnyArray, " points"]
 
 
 class Spheres(eqx.Module):
@@ -113,12 +115,14 @@ class SphereContact(Term):
         columns = [at_points(motion.jacobian[i], motion.position[i]) for i in (a, b)]
         closing = -jnp.einsum("pi,pia->pa", normal, columns[0] - columns[1])
         radius = jnp.tile(self.second.radius, len(self.first.frames)) - 0.5 * overlap
+        touching = jnp.where(overlap > 0, self.stiffness, 0.0)
         return Pressing(
             jnp.asarray(np.tile(np.arange(len(self.second.frames)) * 1.0, len(self.first.frames))),
             motion.position[b] + radius[:, None] * normal,
             normal,
             self.stiffness * jnp.maximum(overlap, 0.0),
-            jnp.where(overlap > 0, self.stiffness, 0.0)[:, None] * closing,
+            touching[:, None] * closing,
+            touching,
         )
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:

@@ -43,9 +43,8 @@ class ContactDamping(Term):
 
     def resistance(self, tree: Tree, motion: Motion, v: Float[Array, " dofs"]) -> Resistance:
         """k δ d dδ/dt at each point; where the contact would pull, what takes away its elastic force."""
-        now, stiffness = self.contact.pressing(tree, motion), self.contact.point_stiffness(tree)
-        # ∂δ/∂q; a rod's end points may stand for no length, so for no stiffness.
-        deepening = now.rate / jnp.where(stiffness > 0, stiffness, 1.0)[:, None]
+        now = self.contact.pressing(tree, motion)
+        deepening = now.rate / jnp.where(now.stiffness > 0, now.stiffness, 1.0)[:, None]  # ∂δ/∂q
         part = self.coefficient * (deepening @ v)
         slope = jnp.where(part > -1, self.coefficient * now.force, 0.0)
         part = jnp.maximum(part, -1.0)

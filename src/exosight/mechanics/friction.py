@@ -33,10 +33,10 @@ from exosight.mechanics.term import (
     Bound,
     Expansion,
     TermWithMemory,
-    on_frames,
     point_stiffness,
     point_wrench,
     square,
+    sum_on_frames,
     where_each,
     zero,
 )
@@ -209,8 +209,9 @@ class Friction(TermWithMemory):
             on_a = where_each(pressed, wrench), where_each(pressed, own)
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(k * (slip.held * slip.length) ** 2),
-                wrench=_summed(on_a[0], a, tree.frames) - _summed(chosen.T @ wrench, b, tree.frames),
-                stiffness=_summed(on_a[1], a, tree.frames) + _summed(on_b, b, tree.frames),
+                wrench=sum_on_frames(on_a[0], a, tree.frames)
+                - sum_on_frames(chosen.T @ wrench, b, tree.frames),
+                stiffness=sum_on_frames(on_a[1], a, tree.frames) + sum_on_frames(on_b, b, tree.frames),
                 hessian=block + block.T,
                 coupling=slide.T @ now.rate,
             )
@@ -253,12 +254,3 @@ def _turned_back(
     pose: Float[Array, "points 4 4"], vector: Float[AnyArray, "points 3"]
 ) -> Float[Array, "points 3"]:
     return jnp.einsum("pji,pj->pi", pose[:, :3, :3], vector)
-
-
-def _summed(values: Float[Array, "some ..."], frames: np.ndarray, count: int) -> Float[Array, "count ..."]:
-    """Values of some frames as sums over all frames; unlike in `on_frames`, a frame may be there twice."""
-    different = np.unique(frames)
-    if len(different) < len(frames):
-        values = jnp.einsum("df,f...->d...", (different[:, None] == frames).astype(float), values)
-        frames = different
-    return on_frames(values, frames, count)

@@ -16,7 +16,7 @@ from exosight.arrays import AnyArray
 from exosight.mechanics.cones import SPREAD, Cones, between, dot, slide, smooth_pair
 from exosight.mechanics.contact import Pressing
 from exosight.mechanics.kinematics import Motion, at_points, spread
-from exosight.mechanics.surface_contact import Plane, Solids
+from exosight.mechanics.surfaces import Plane, Solids
 from exosight.mechanics.term import (
     Bound,
     Configuration,
@@ -108,12 +108,14 @@ class RigidContact(Term):
             for on, side in sides
         )
         closing = -jnp.einsum("pi,pia->pa", at.normal, own - other)
+        touching = jnp.where(at.overlap > 0, self.stiffness, 0.0)
         return Pressing(
             jnp.asarray(at.solid[:, 1] * 1.0),
             at.centre[:, 0] - (thickness - 0.5 * at.overlap)[:, None] * at.normal,
             at.normal,
             self.stiffness * jnp.maximum(at.overlap, 0.0),
-            jnp.where(at.overlap > 0, self.stiffness, 0.0)[:, None] * closing,
+            touching[:, None] * closing,
+            touching,
         )
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:

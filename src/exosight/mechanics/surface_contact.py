@@ -2,8 +2,8 @@
 
 The tube is what spheres of its radius sweep along a rod's axis, round ends included; a solid is the convex
 hull of two spheres on a body's axis, whose distance has a closed form. The energy ∫ ½ k max(d, 0)² ds over
-the rod's arc length is integrated at its quadrature points, so refining the rod does not change the force.
-Normal forces only.
+the rod's arc length is integrated at places between the rod's points (`Samples`), so refining the rod does
+not change the force. Normal forces only.
 
 With axis x, s = (r₀ − r₁)/ℓ and ρ the distance from the axis, the place on the axis that is nearest to a
 point, seen along the normal of the surface, is t = x − s ρ/√(1 − s²), limited to [0, ℓ]; the distance from
@@ -16,16 +16,15 @@ force is shared by 1 − h/2 and h/2; without it, poses at rest on the edge woul
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from exosight import lie
 from exosight.arrays import AnyArray
 from exosight.mechanics.contact import Pressing
 from exosight.mechanics.kinematics import Motion, at_points, spread
-from exosight.mechanics.rod import Rod
+from exosight.mechanics.surfaces import NOWHERE, Plane, Samples, Solids, Tube
 from exosight.mechanics.term import (
     Bound,
     Configuration,
@@ -34,107 +33,15 @@ from exosight.mechanics.term import (
     on_frames,
     point_stiffness,
     point_wrench,
-    square,
+    sum_on_frames,
+    weighted_squares,
     where_each,
     zero,
 )
 from exosight.mechanics.tree import Tree
 
-TIP = 0.5
-"""Length of rod that its round end counts for, in radii: the secant of Hertz's sphere at 0.14 radii, of which
-the force is 4/3 E* √r d^1.5, against the line's π/4 E* d a length."""
-
 FILLET = 0.02
 """Width of the fillets between solids, in their mean radius."""
-
-NOWHERE = 1e3
-"""Stands for the distance [m] of what cannot touch."""
-
-
-def line_stiffness(young: float, poisson: float) -> float:
-    """π/4 · E/(1 − ν²): force a length and a depth of a long cylinder pressed on a flat rigid body [N/m²].
-
-    Source: V. L. Popov, Contact Mechanics and Friction (2010), section 5.2. It neglects that a line contact
-    also depends, by a logarithm, on how thick the body is.
-    """
-    return np.pi / 4 * young / (1 - poisson**2)
-
-
-class Tube(eqx.Module):
-    """A tube around a rod.
-
-    rod      its name (static)
-    radius   (points,)   at the rod's quadrature points [m]
-    """
-
-    rod: str = eqx.field(static=True)
-    radius: Float[AnyArray, " points"]
-
-    def frames(self, tree: Tree) -> np.ndarray:
-        """The rod's frames among all of the tree."""
-        own = tree.frame_slice(self.rod)
-        return np.arange(own.start, own.stop)
-
-    def lengths(self, tree: Tree) -> Float[AnyArray, " points"]:
-        """The length of tube that each point stands for, its round end with the last one [m]."""
-        rod = tree[self.rod]
-        assert isinstance(rod, Rod)
-        last = np.zeros(rod.frames)
-        last[-1] = TIP
-        return rod.weights() + last * self.radius
-
-
-class Solids(eqx.Module):
-    """Tapered solids with round ends, along the x axes of frames.
-
-    frames   (body, frame within it) where each begins (static)
-    length   (solids,)     between the centres of its ends [m]
-    radius   (solids, 2)   of its ends [m]; they differ by less than the length
-    """
-
-    frames: tuple[tuple[str, int], ...] = eqx.field(static=True)
-    length: Float[AnyArray, " solids"]
-    radius: Float[AnyArray, "solids 2"]
-
-    def index(self, tree: Tree) -> np.ndarray:
-        """The frames among all of the tree; InputError if a body has no such frame."""
-        return np.array([tree.frame(body, frame) for body, frame in self.frames])
-
-    @property
-    def starts(self) -> Float[Array, " solids"]:
-        """Distance of each one's beginning from that of the first, along a straight chain of them [m]."""
-        length = jnp.asarray(self.length)
-        return jnp.cumsum(length) - length
-
-
-class Plane(eqx.Module):
-    """A plane with a half-space behind it.
-
-    body     that it is fixed to, or None: the world (static)
-    point    (3,)   on it, in that body's first frame [m]
-    normal   (3,)   out of it, of any length
-    """
-
-    body: str | None = eqx.field(static=True)
-    point: Float[AnyArray, "3"]
-    normal: Float[AnyArray, "3"]
-
-    def index(self, tree: Tree) -> np.ndarray:
-        """The body's first frame among all of the tree; of the world, none."""
-        return np.array([] if self.body is None else [tree.frame(self.body, 0)], int)
-
-    @property
-    def starts(self) -> Float[Array, " frames"]:
-        """As of `Solids`: a plane has one place, 0."""
-        return jnp.zeros(0 if self.body is None else 1)
-
-    def in_world(self, pose: Float[Array, "frames 4 4"]) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
-        """Its point [m] and unit normal there, with the pose of its body's frame, if it has one."""
-        normal = jnp.asarray(self.normal) / jnp.sqrt(jnp.sum(jnp.asarray(self.normal) ** 2))
-        if self.body is None:
-            return jnp.asarray(self.point), normal
-        turn = pose[0, :3, :3]
-        return pose[0, :3, 3] + turn @ self.point, turn @ normal
 
 
 class Touch(NamedTuple):
@@ -145,8 +52,9 @@ class Touch(NamedTuple):
     normal     (points, 3)        unit vector out of the solid, in the world
     place      (points,)          t, along the solid's axis [m]
     distance   (points,)          of the point from that place; of a plane, the tube's radius [m]
-    bent       (points,)          curvature across the tangent of the surface through the point [1/m]
-    tangent    (points, 3)        unit vector along the solid's side, in the world; zero at its round ends
+    bent       (points,)          curvature across the solid of the surface through the point [1/m]
+    tangent    (points, 3)        unit vector along the solid on that surface, in the world; of a plane, zero
+    on_end     (points,)          whether it touches a round end, which is bent along the solid too
     """
 
     which: Float[Array, "points solids"]
@@ -156,6 +64,7 @@ class Touch(NamedTuple):
     distance: Float[Array, " points"]
     bent: Float[Array, " points"]
     tangent: Float[Array, "points 3"]
+    on_end: Bool[Array, " points"]
 
 
 class Contacts(NamedTuple):
@@ -200,11 +109,9 @@ def contacts(
         most = of == jnp.max(of, axis=1, keepdims=True)
         which = jnp.where(most & (jnp.cumsum(most, axis=1) == 1), 1.0, 0.0)
         single = [jnp.sum(which * values, axis=1) for values in (of, place, distance)]
-        world = [
-            jnp.einsum("ps,sij,psj->pi", weight, turn, values)
-            for weight, values in ((which, normal), (jnp.where(place == free, which, 0.0), tangent))
-        ]
-        return Touch(which, single[0], world[0], single[1], single[2], 1 / single[2], world[1])
+        world = [jnp.einsum("ps,sij,psj->pi", which, turn, values) for values in (normal, tangent)]
+        on_end = jnp.any((which > 0) & (place != free), axis=1)
+        return Touch(which, single[0], world[0], single[1], single[2], 1 / single[2], world[1], on_end)
 
     first = largest(overlap)
     second = largest(jnp.where(first.which > 0, -NOWHERE, overlap))
@@ -224,7 +131,8 @@ def _on_plane(
     none = jnp.zeros(len(point))
     overlap = radius - (point - origin) @ normal
     normals = jnp.broadcast_to(normal, point.shape)
-    touch = Touch(jnp.ones((len(point), len(pose))), overlap, normals, none, radius, none, 0.0 * point)
+    ones = jnp.ones((len(point), len(pose)))
+    touch = Touch(ones, overlap, normals, none, radius, none, 0.0 * point, none > 0)
     return Contacts((touch, touch), (none + 1.0, none), overlap)
 
 
@@ -243,20 +151,21 @@ class SolidContact(Term):
     stiffness: Float[AnyArray, ""]
 
     def frames(self, tree: Tree) -> list[int]:
-        """The tube's points, then the solids."""
+        """The rod's points, then the solids."""
         return [*self.first.frames(tree).tolist(), *self.second.index(tree).tolist()]
 
     def contacts(self, tree: Tree, pose: Float[Array, "frames 4 4"]) -> Contacts:
-        """What the tube's points overlap, at poses of all frames."""
-        points = pose[self.first.frames(tree), :3, 3]
-        return contacts(self.second, pose[self.second.index(tree)], points, self.first.radius)
+        """What the tube's samples overlap, at poses of all frames."""
+        return self._overlaps(
+            self.first.samples(tree), pose[self.first.frames(tree)], pose[self.second.index(tree)]
+        )
 
-    def pressure(self, tree: Tree, at: Contacts) -> Float[AnyArray, " points"]:
-        """The force on each point, all solids together [N]."""
-        return self.point_stiffness(tree) * jnp.maximum(at.overlap, 0.0)
+    def pressure(self, tree: Tree, at: Contacts) -> Float[AnyArray, " samples"]:
+        """The force on each sample, all solids together [N]."""
+        return self.stiffness * self.first.samples(tree).length * jnp.maximum(at.overlap, 0.0)
 
     def point_frames(self, tree: Tree) -> np.ndarray:
-        """The frames of the tube's points."""
+        """The frames of the rod's points."""
         return self.first.frames(tree)
 
     def partner_frames(self, tree: Tree) -> np.ndarray:
@@ -264,101 +173,161 @@ class SolidContact(Term):
         return self.second.index(tree)
 
     def point_stiffness(self, tree: Tree) -> Float[AnyArray, " points"]:
-        """Of the length of tube that each point stands for [N/m]."""
-        return self.stiffness * self.first.lengths(tree)
+        """Of the length of tube that each of the rod's points stands for [N/m]."""
+        samples = self.first.samples(tree)
+        return self.stiffness * (samples.lumping @ samples.length)
 
     def pressing(self, tree: Tree, motion: Motion) -> Pressing:
-        """What each point of the tube presses on: the solid that it overlaps most."""
-        at = self.contacts(tree, motion.pose)
-        first = at.touches[0]
-        place = motion.position[self.first.frames(tree)]
-        own = at_points(motion.jacobian[self.first.frames(tree)], place)
-        solids = motion.jacobian[self.second.index(tree)]
-        closing = jnp.zeros(own.shape[::2])
-        for touch, share in zip(at.touches, at.share, strict=True):
-            other = at_points(jnp.einsum("ps,sij->pij", touch.which, solids), place)
-            closing -= jnp.einsum("pi,pia->pa", share[:, None] * touch.normal, own - other)
-        touching = jnp.where(at.overlap > 0, self.point_stiffness(tree), 0.0)
+        """What each of the rod's points presses on, the solid that it is nearest to, and its share of the
+        force of the samples on either side."""
+        a, b, samples = self.first.frames(tree), self.second.index(tree), self.first.samples(tree)
+        place, radius = motion.position[a], jnp.asarray(self.first.radius)
+        own = contacts(self.second, motion.pose[b], place, radius)
+        at, nearest = self._overlaps(samples, motion.pose[a], motion.pose[b]), own.touches[0]
+        levers = samples.levers(motion.pose[a])
+        rows = _rows(samples, levers, at, motion.jacobian[a], motion.jacobian[b])
+        touching = jnp.where(at.overlap > 0, self.stiffness * samples.length, 0.0)
         return Pressing(
-            first.which @ np.arange(float(len(solids))),
-            place - (self.first.radius - 0.5 * at.overlap)[:, None] * first.normal,
-            first.normal,
-            self.pressure(tree, at),
-            touching[:, None] * closing,
+            nearest.which @ np.arange(float(len(b))),
+            place - (radius - 0.5 * own.overlap)[:, None] * nearest.normal,
+            nearest.normal,
+            samples.lumping @ self.pressure(tree, at),
+            samples.lumping @ where_each(at.overlap > 0, -touching[:, None] * rows),
+            samples.lumping @ touching,
         )
+
+    def spread_on_samples(
+        self, tree: Tree, at: Contacts, force: Float[AnyArray, "points 3"]
+    ) -> Float[Array, "samples 3"]:
+        """Forces on the rod's points, where the normal force acts that each of them stands for."""
+        part = self.first.samples(tree).lumping * self.pressure(tree, at)
+        whole = jnp.sum(part, axis=1, keepdims=True)
+        return jnp.where(whole > 0, part / jnp.where(whole > 0, whole, 1.0), 0.0).T @ force
 
     def energy(self, tree: Tree, at: Configuration, loads: Float[Array, " loads"]) -> Float[Array, ""]:
         """∫ ½ k max(d, 0)² ds."""
         count = len(self.first.frames(tree))
-        found = contacts(self.second, at.pose[count:], at.position[:count], self.first.radius)
+        found = self._overlaps(self.first.samples(tree), at.pose[:count], at.pose[count:])
         return 0.5 * jnp.sum(self.pressure(tree, found) * jnp.maximum(found.overlap, 0.0))
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
-        """Fraction to slightly beyond the first contact of an open point; the expansion there contains it."""
-        at = self.contacts(tree, motion.pose)
-        (nearest, _), twist = at.touches, motion.twist(step)
-        relative = twist[self.first.frames(tree)] - nearest.which @ twist[self.second.index(tree)]
-        position = motion.position[self.first.frames(tree)]
-        moved = relative[:, 3:] + jnp.cross(relative[:, :3], position)
-        closing = -jnp.sum(nearest.normal * moved, axis=1)
+        """Fraction to slightly beyond the first contact of an open sample, which the expansion contains."""
+        a, b, samples = self.first.frames(tree), self.second.index(tree), self.first.samples(tree)
+        twist, levers = motion.twist(step)[:, :, None], samples.levers(motion.pose[a])
+        at = self._overlaps(samples, motion.pose[a], motion.pose[b])
+        nearest = at.touches[0]
+        moved = _moved(samples, levers, twist[a]) - _carried(nearest, levers, twist[b])
+        closing = -jnp.sum(nearest.normal * moved[..., 0], axis=1)
         ahead = (at.overlap < 0) & (closing > 0)
         # As in contact of spheres: enough for a contact force, too small to be rejected.
         fraction = (0.003 * nearest.distance - at.overlap) / jnp.where(ahead, closing, 1.0)
         return jnp.min(jnp.where(ahead, fraction, jnp.inf))
 
     def bind(self, tree: Tree) -> Bound:
-        """The energy depends on the motion of each point against its solids.
+        """The energy depends on the motion of each sample against its solids.
 
-        With the twists p of a point and c of a solid, exp(c)⁻¹ exp(p) ≈ exp(p − c − ½ [c, p]), so by p − c
-        the stiffness S is that of a point at rest, and p and c are coupled by −(S + ½ C(W)) for its wrench
-        W; two solids of one point by the product of their wrenches.
+        With twists that move the sample by A to first order, and its solid by c = (ω, v) the same place p by
+        D = v + ω × p, the sample moves in the solid by A − D + ½ ω × D − ω × A and what A has to second
+        order: the energy of a point, by force and stiffness, and the force on −ω × A couples both.
         """
         a, b = self.first.frames(tree), self.second.index(tree)
-        move_a, move_b = tree.moving(a), tree.moving(b)
-        weight = self.point_stiffness(tree)
+        moving = np.array(tree.moving(self.frames(tree)), int)
+        weight = self.stiffness * self.first.samples(tree).length
         width = _width(self.second)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
-            at, position, jacobian = self.contacts(tree, motion.pose), motion.position[a], motion.jacobian
-            of_points = jacobian[a][:, :, np.array(move_a, int)]
-            of_solids = jacobian[b][:, :, np.array(move_b, int)]
-            push = self.pressure(tree, at)
-            touching = jnp.where(at.overlap > 0, weight, 0.0)
-            fillet = jnp.where(at.share[1] > 0, 0.5 * push / width, 0.0)
-            units = [point_wrench(position, touch.normal) for touch in at.touches]
-            factor = touching * at.share[0] * at.share[1] - fillet
-            both = factor[:, None, None] * units[0][:, :, None] * units[1][:, None, :]
-            wrench, stiffness = jnp.zeros((tree.frames, 6)), jnp.zeros((tree.frames, 6, 6))
-            block = jnp.zeros((len(move_a), len(move_b)))
+            samples = self.first.samples(tree)
+            at, levers = (
+                self._overlaps(samples, motion.pose[a], motion.pose[b]),
+                samples.levers(motion.pose[a]),
+            )
+            push = weight * jnp.maximum(at.overlap, 0.0)
             touches = at.overlap > 0
             two = touches & (at.share[1] > 0)
-            for counts, touch, share, unit, cross in zip(
-                (touches, two), at.touches, at.share, units, (jnp.swapaxes(both, 1, 2), both), strict=True
-            ):
-                along = square(touch.normal) + square(touch.tangent) - jnp.eye(3)
-                bend = (share * push * touch.bent)[:, None, None] * along
-                own = point_stiffness(position, -(share * push)[:, None] * touch.normal, bend)
-                own += (touching * share**2 + fillet)[:, None, None] * square(unit)
-                force = -(share * push)[:, None] * unit
-                on_points = where_each(counts, force)
-                wrench += on_frames(on_points, a, tree.frames)
-                wrench -= on_frames(touch.which.T @ on_points, b, tree.frames)
-                stiffness += on_frames(where_each(counts, own + cross), a, tree.frames)
-                on_solids = jnp.einsum("ps,pij->sij", touch.which, where_each(counts, own))
-                stiffness += on_frames(on_solids, b, tree.frames)
-                of_solid = jnp.einsum("ps,sik->pik", touch.which, of_solids)
-                coupled = (own + cross + 0.5 * lie.coad(force)) @ of_solid
-                block -= jnp.einsum("pia,pib->ab", of_points, where_each(counts, coupled))
-            which = [touch.which for touch in at.touches]
-            pairs = jnp.einsum("ps,pz,pij->szij", *which, where_each(two, both))
-            between = jnp.einsum("sia,szij,zjb->ab", of_solids, pairs, of_solids)
-            hessian = spread(spread(block.T, move_a, tree.dofs).T, move_b, tree.dofs)
-            hessian += spread(spread(between.T, move_b, tree.dofs).T, move_b, tree.dofs)
+            jacobian = motion.jacobian[:, :, moving]
+            moved, position = _moved(samples, levers, jacobian[a]), jnp.sum(levers, axis=1)
+            wrench, stiffness = jnp.zeros((tree.frames, 6)), jnp.zeros((tree.frames, 6, 6))
+            block, rows = jnp.zeros((len(moving), len(moving))), []
+            turned = jnp.zeros_like(moved)
+            whole = jnp.zeros_like(position)
+            for counts, touch, share in zip((touches, two), at.touches, at.share, strict=True):
+                relative = moved - _carried(touch, levers, jacobian[b])
+                across = jnp.cross(touch.normal, touch.tangent)
+                rows.append(jnp.einsum("pi,pia->pa", touch.normal, relative))
+                bend = -share * push * touch.bent
+                for direction, bends in ((across, counts), (touch.tangent, counts & touch.on_end)):
+                    row = jnp.einsum("pi,pia->pa", direction, relative)
+                    block += weighted_squares(row[:, None], bend[:, None], bends)
+                force = where_each(counts, -(share * push)[:, None] * touch.normal)
+                whole += force
+                turns = jnp.einsum("ps,sia->pia", touch.which, jacobian[b][:, :3])
+                turned += where_each(counts, lie.hat(force) @ turns)
+                wrench -= on_frames(touch.which.T @ point_wrench(position, force), b, tree.frames)
+                on_solids = where_each(counts, point_stiffness(position, force))
+                stiffness += on_frames(jnp.einsum("ps,pij->sij", touch.which, on_solids), b, tree.frames)
+            apart = rows[0] - rows[1]
+            both = rows[0] - where_each(two, at.share[1][:, None] * apart)
+            block += weighted_squares(both[:, None], weight[:, None], touches)
+            block += weighted_squares(apart[:, None], (0.5 * push / width)[:, None], two)
+            for end in range(2):
+                share, lever = samples.share[:, end, None], levers[:, end]
+                on_end = jnp.concatenate([jnp.cross(lever, whole), share * whole], axis=1)
+                wrench += sum_on_frames(where_each(touches, on_end), a[samples.piece + end], tree.frames)
+                turning = point_stiffness(lever, whole) * _shared(share)
+                stiffness += sum_on_frames(where_each(touches, turning), a[samples.piece + end], tree.frames)
+            coupled = jnp.einsum("pia,pib->ab", moved, turned)
+            block -= coupled + coupled.T
+            columns = tuple(moving.tolist())
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(push * jnp.maximum(at.overlap, 0.0)),
                 wrench=wrench,
                 stiffness=stiffness,
-                hessian=hessian + hessian.T,
+                hessian=spread(spread(block, columns, tree.dofs).T, columns, tree.dofs),
             )
 
         return expand
+
+    def _overlaps(
+        self, samples: Samples, points: Float[Array, "points 4 4"], solids: Float[Array, "frames 4 4"]
+    ) -> Contacts:
+        """What samples overlap, with the poses of the rod's points and of the solids."""
+        place = jnp.sum(samples.levers(points), axis=1)
+        return contacts(self.second, solids, place, samples.radius)
+
+
+def _moved(
+    samples: Samples, levers: Float[Array, "samples 2 3"], points: Float[Array, "points 6 some"]
+) -> Float[Array, "samples 3 some"]:
+    """How samples move, from twists of the rod's points."""
+    ends = points[np.stack([samples.piece, samples.piece + 1], axis=1)]
+    turning = lie.hat(levers) @ ends[..., :3, :]
+    return jnp.sum(samples.share[..., None, None] * ends[..., 3:, :] - turning, axis=1)
+
+
+def _carried(
+    touch: Touch, levers: Float[Array, "samples 2 3"], solids: Float[Array, "frames 6 some"]
+) -> Float[Array, "samples 3 some"]:
+    """How samples would move with the solid that each overlaps, from the solids' twists."""
+    return at_points(jnp.einsum("ps,sik->pik", touch.which, solids), jnp.sum(levers, axis=1))
+
+
+def _rows(
+    samples: Samples,
+    levers: Float[Array, "samples 2 3"],
+    at: Contacts,
+    points: Float[Array, "points 6 dofs"],
+    solids: Float[Array, "frames 6 dofs"],
+) -> Float[Array, "samples dofs"]:
+    """By how much the overlap of each sample falls, by coordinates."""
+    moved = _moved(samples, levers, points)
+    return sum(
+        jnp.einsum("pi,pia->pa", share[:, None] * touch.normal, moved - _carried(touch, levers, solids))
+        for share, touch in zip(at.share, at.touches, strict=True)
+    )
+
+
+def _shared(share: Float[np.ndarray, "samples 1"]) -> Float[np.ndarray, "samples 6 6"]:
+    """Factors of a point's stiffness where it follows a share of a frame's velocity."""
+    factors = np.ones((len(share), 6, 6))
+    factors[:, 3:, :3] = factors[:, :3, 3:] = share[..., None]
+    return factors

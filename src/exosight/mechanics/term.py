@@ -228,6 +228,32 @@ def on_frames(values: Float[Array, "some ..."], frames: np.ndarray, count: int) 
     return jnp.concatenate([values, jnp.zeros((1, *values.shape[1:]))])[place]
 
 
+def sum_on_frames(
+    values: Float[Array, "some ..."], frames: np.ndarray, count: int
+) -> Float[Array, "count ..."]:
+    """Values of some frames as sums over all frames; unlike in `on_frames`, a frame may be there twice."""
+    different = np.unique(frames)
+    if len(different) < len(frames):
+        values = jnp.einsum("df,f...->d...", (different[:, None] == frames).astype(float), values)
+        frames = different
+    return on_frames(values, frames, count)
+
+
+def weighted_squares(
+    columns: Float[Array, "points some dofs"],
+    factors: Float[Array, "points some"],
+    counts: Bool[Array, " points"],
+) -> Float[Array, "dofs dofs"]:
+    """Σ factor xᵀ x over the points that count, each pair of coordinates once."""
+    count = columns.shape[2]
+    i, j = np.triu_indices(count)
+    products = jnp.sum((factors[..., None] * columns)[..., i] * columns[..., j], axis=1)
+    half = jnp.sum(where_each(counts, products), axis=0)
+    place = np.zeros((count, count), int)
+    place[i, j] = place[j, i] = np.arange(len(i))
+    return half[place]
+
+
 def strain_columns(tree: Tree, name: str) -> Float[Array, "points 6 dofs"]:
     """∂(strain)/∂q at the points of a rod; constant."""
     rod = tree[name]

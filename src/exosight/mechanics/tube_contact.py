@@ -25,7 +25,7 @@ from exosight.arrays import AnyArray
 from exosight.mechanics.contact import Pressing
 from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.surface_contact import NOWHERE, Tube
+from exosight.mechanics.surfaces import NOWHERE, Tube, hermite, slopes
 from exosight.mechanics.term import (
     Bound,
     Configuration,
@@ -34,6 +34,7 @@ from exosight.mechanics.term import (
     on_frames,
     point_stiffness,
     point_wrench,
+    weighted_squares,
     where_each,
     zero,
 )
@@ -131,12 +132,14 @@ class TubeContact(Term):
         moved = _moved(at, own, other, place)
         k = self.point_stiffness(tree)
         closing = -jnp.einsum("pi,pia->pa", at.normal, moved)
+        touching = jnp.where(at.overlap > 0, k, 0.0)
         return Pressing(
             at.piece + jnp.where(at.t > 0.5, 1.0, 0.0),
             place - (self.first.radius - 0.5 * at.overlap)[:, None] * at.normal,
             at.normal,
             k * jnp.maximum(at.overlap, 0.0),
-            jnp.where(at.overlap > 0, k, 0.0)[:, None] * closing,
+            touching[:, None] * closing,
+            touching,
         )
 
     def energy(self, tree: Tree, at: Configuration, loads: Float[Array, " loads"]) -> Float[Array, ""]:
@@ -217,7 +220,7 @@ class TubeContact(Term):
             follows = jnp.where(at.free, push / jnp.where(at.free, _second(at), 1.0), 0.0)
             columns = jnp.concatenate([normal[:, None], aside, slid[:, None]], axis=1)
             factors = jnp.stack([jnp.asarray(weight), -bend, -bend, -bend, follows], axis=1)
-            block = _weighted_squares(columns, factors, touches)
+            block = weighted_squares(columns, factors, touches)
             whole = spread(
                 spread(block, tuple(moving.tolist()), tree.dofs).T, tuple(moving.tolist()), tree.dofs
             )
@@ -241,7 +244,7 @@ class TubeContact(Term):
         assert isinstance(rod, Rod)
         spacing = rod.length * np.diff(rod.quadrature.points)
         radius = jnp.asarray(self.second.radius)
-        slope = _slopes(radius, spacing)
+        slope = slopes(radius, spacing)
         away = point[:, None] - node[None]
         distance = jnp.sqrt(jnp.sum(away**2, axis=-1) + 1e-30)
         # Whether the second tube comes closer further along it than at a node.
@@ -270,9 +273,9 @@ class TubeContact(Term):
             both[..., 7] * length[:, None],
         )
         t = jnp.where(free, _solve(point, nodes), jnp.where(best > 0, 1.0, 0.0))
-        between = point - jnp.sum(_hermite(t, 0)[..., None] * _four(nodes), axis=1)
+        between = point - jnp.sum(hermite(t, 0)[..., None] * _four(nodes), axis=1)
         distance = jnp.sqrt(jnp.sum(between**2, axis=-1) + 1e-30)
-        thick = jnp.sum(_hermite(t, 0) * _four_radii(nodes), axis=1)
+        thick = jnp.sum(hermite(t, 0) * _four_radii(nodes), axis=1)
         exists = jnp.min(score, axis=1) < NOWHERE
         overlap = jnp.where(exists, self.first.radius + thick - distance, -NOWHERE)
         return Closest(exists, piece, t, free, overlap, distance, between / distance[:, None], nodes)
@@ -300,24 +303,6 @@ def _row(table: Float[Array, "nodes ..."], number: Int[Array, " points"]) -> Flo
     return table.at[number].get(mode="promise_in_bounds")
 
 
-def _slopes(values: Float[Array, " nodes"], spacing: Float[AnyArray, " pieces"]) -> Float[Array, " nodes"]:
-    """Derivative at the nodes, of the parabola through each and its neighbours."""
-    secant = jnp.diff(values) / spacing
-    inner = (secant[:-1] * spacing[1:] + secant[1:] * spacing[:-1]) / (spacing[1:] + spacing[:-1])
-    return jnp.concatenate([secant[:1], inner, secant[-1:]])
-
-
-def _hermite(t: Float[Array, " points"], order: int) -> Float[Array, "points 4"]:
-    """Derivatives by t of the cubic Hermite functions of (start, its tangent, end, its tangent)."""
-    one = jnp.ones_like(t)
-    columns = (
-        (one - t * t * (3 - 2 * t), t * (1 - t) ** 2, t * t * (3 - 2 * t), t * t * (t - 1)),
-        (6 * t * (t - 1), (1 - t) * (1 - 3 * t), 6 * t * (1 - t), t * (3 * t - 2)),
-        (12 * t - 6, 6 * t - 4, 6 - 12 * t, 6 * t - 2),
-    )[order]
-    return jnp.stack(columns, axis=1)
-
-
 def _four(nodes: Piece) -> Float[Array, "points 4 3"]:
     """What the Hermite functions multiply: start, its tangent, end, its tangent."""
     return jnp.stack([nodes.position, nodes.tangent], axis=2).reshape(-1, 4, 3)
@@ -329,7 +314,7 @@ def _four_radii(nodes: Piece) -> Float[Array, "points 4"]:
 
 def _levers(at: Closest, order: int) -> tuple[Float[Array, "points 2 3"], Float[Array, "points 2"]]:
     """Derivative by t of the curve's share that moves with each node: it moves by weight v + ω × lever."""
-    functions = _hermite(at.t, order).reshape(-1, 2, 2)
+    functions = hermite(at.t, order).reshape(-1, 2, 2)
     levers = functions[..., :1] * at.nodes.position + functions[..., 1:] * at.nodes.tangent
     return levers, functions[..., 0]
 
@@ -354,8 +339,8 @@ def _slide(
     t: Float[Array, " points"], point: Float[Array, "points 3"], nodes: Piece
 ) -> tuple[Float[Array, " points"], Float[Array, " points"]]:
     """f_t and f_tt of f = |p − c(t)| − r(t)."""
-    curve = [jnp.sum(_hermite(t, k)[..., None] * _four(nodes), axis=1) for k in range(3)]
-    radius = [jnp.sum(_hermite(t, k) * _four_radii(nodes), axis=1) for k in (1, 2)]
+    curve = [jnp.sum(hermite(t, k)[..., None] * _four(nodes), axis=1) for k in range(3)]
+    radius = [jnp.sum(hermite(t, k) * _four_radii(nodes), axis=1) for k in (1, 2)]
     between = point - curve[0]
     distance = jnp.sqrt(jnp.sum(between**2, axis=-1) + 1e-30)
     normal = between / distance[:, None]
@@ -378,20 +363,5 @@ def _solve(point: Float[Array, "points 3"], nodes: Piece) -> Float[Array, " poin
 
 def _second(at: Closest) -> Float[Array, " points"]:
     """f_tt at the closest place."""
-    point = at.distance[:, None] * at.normal + jnp.sum(_hermite(at.t, 0)[..., None] * _four(at.nodes), axis=1)
+    point = at.distance[:, None] * at.normal + jnp.sum(hermite(at.t, 0)[..., None] * _four(at.nodes), axis=1)
     return _slide(at.t, point, at.nodes)[1]
-
-
-def _weighted_squares(
-    columns: Float[Array, "points some dofs"],
-    factors: Float[Array, "points some"],
-    counts: Bool[Array, " points"],
-) -> Float[Array, "dofs dofs"]:
-    """Σ factor xᵀ x over the points that count, each pair of coordinates once."""
-    count = columns.shape[2]
-    i, j = np.triu_indices(count)
-    products = jnp.sum((factors[..., None] * columns)[..., i] * columns[..., j], axis=1)
-    half = jnp.sum(where_each(counts, products), axis=0)
-    place = np.zeros((count, count), int)
-    place[i, j] = place[j, i] = np.arange(len(i))
-    return half[place]

@@ -8,7 +8,7 @@ from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.mechanics import Gravity
 from exosight.mechanics.relaxation import relaxation
-from exosight.mechanics.surface_contact import line_stiffness
+from exosight.mechanics.surfaces import line_stiffness
 from exosight.mechanics.tree import Tree
 from exosight.system.build_actuators import build_actuators
 from exosight.system.build_bodies import build_bodies, rod_points

@@ -3,7 +3,7 @@
 from exosight.arrays import floats
 from exosight.errors import InputError
 from exosight.mechanics.contact import Spheres
-from exosight.mechanics.surface_contact import Plane
+from exosight.mechanics.surfaces import Plane
 from exosight.system.build_bodies import rod_points, rod_radii, sphere_frames
 from exosight.system.description import Description, SurfaceTable
 from exosight.system.faults import at_place

@@ -13,7 +13,8 @@ from exosight.errors import InputError
 from exosight.mechanics.contact import SphereContact, Spheres
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube, line_stiffness
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surfaces import Plane, Solids, Tube, line_stiffness
 from exosight.mechanics.tree import Tree
 from exosight.mechanics.tube_contact import FAR, TubeContact
 

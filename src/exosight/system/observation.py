@@ -16,7 +16,8 @@ from exosight.mechanics.kinematics import Motion, walk
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.surface_contact import SolidContact, Solids
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surfaces import Solids
 from exosight.mechanics.term import Memories
 from exosight.mechanics.tube_contact import TubeContact
 from exosight.system.sensors import SensorInput, SurfaceForces, force_per_length
@@ -200,14 +201,14 @@ def _on_spheres(term: SphereContact, robot: Robot, motion: Motion) -> tuple[Surf
 
 
 def _on_solids(term: SolidContact, robot: Robot, motion: Motion) -> tuple[SurfaceForces, SurfaceForces]:
-    """Every point with each of the two solids that it may touch; distances along the chain of solids."""
+    """Every sample with each of the two solids that it may touch; distances along the chain of solids."""
     at = term.contacts(robot, motion.pose)
     push = term.pressure(robot, at)
     force = jnp.concatenate(
         [(share * push)[:, None] * touch.normal for share, touch in zip(at.share, at.touches, strict=True)]
     )
     place = jnp.concatenate([touch.which @ term.second.starts + touch.place for touch in at.touches])
-    along = _along(term.first.rod, robot)
+    along = term.first.samples(robot).lumping.T @ _along(term.first.rod, robot)
     first = SurfaceForces(force, force, jnp.concatenate([along, along]))
     return first, SurfaceForces(-force, -force, place)
 
@@ -235,6 +236,9 @@ def _friction(
 ) -> tuple[SurfaceForces, SurfaceForces]:
     """Tangential forces, where the normal ones act: of each point on what it touches most."""
     force = term.forces(robot, motion)
+    if isinstance(term.contact, SolidContact):
+        at = term.contact.contacts(robot, motion.pose)
+        force = term.contact.spread_on_samples(robot, at, force)
     places = [side.place[: len(force)] for side in sides]
     if isinstance(term.contact, SphereContact):  # whose sides hold the sums over all pairs of a sphere
         counts = [len(side.place) for side in sides]

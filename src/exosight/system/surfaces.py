@@ -12,7 +12,7 @@ from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.link import Link
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.surface_contact import Plane, Solids, Tube
+from exosight.mechanics.surfaces import Plane, Solids, Tube
 from exosight.mechanics.tree import Tree
 from exosight.system.sensors import ContactForce, PlaceZone, SphereZone
 

@@ -16,7 +16,8 @@ from exosight.mechanics.friction import friction
 from exosight.mechanics.relaxation import Relaxation
 from exosight.mechanics.rigid_contact import RigidContact
 from exosight.mechanics.robot import Robot
-from exosight.mechanics.surface_contact import Plane, SolidContact, Solids, Tube
+from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surfaces import Plane, Solids, Tube
 from exosight.mechanics.term import Memories, Term
 from exosight.mechanics.tree import Body, Tree
 from exosight.mechanics.tube_contact import TubeContact
