@@ -33,8 +33,7 @@ from exosight.mechanics.term import (
     on_frames,
     point_stiffness,
     point_wrench,
-    sum_on_frames,
-    weighted_squares,
+    square,
     where_each,
     zero,
 )
@@ -89,35 +88,46 @@ def contacts(
     """What spheres around points overlap, with poses of the solids' frames."""
     if isinstance(solids, Plane):
         return _on_plane(solids, pose, point, jnp.asarray(radius))
-    turn = pose[:, :3, :3]
+    turn, start = pose[:, :3, :3], jnp.asarray(solids.radius)[:, 0]
     local = jnp.einsum("sji,psj->psi", turn, point[:, None] - pose[None, :, :3, 3])
-    # On the axis the direction away from it is undefined; the tiny offset keeps its derivatives finite.
-    away = jnp.sqrt(local[..., 1] ** 2 + local[..., 2] ** 2 + 1e-30)
-    start = jnp.asarray(solids.radius)[:, 0]
     slope = (start - solids.radius[:, 1]) / solids.length
-    free = local[..., 0] - slope / jnp.sqrt(1 - slope**2) * away
-    place = jnp.clip(free, 0.0, solids.length)
-    along = local[..., 0] - place
-    distance = jnp.sqrt(along**2 + away**2)
-    overlap = radius[:, None] - distance + start - slope * place
-    outward = jnp.concatenate([jnp.zeros((*away.shape, 1)), local[..., 1:] / away[..., None]], axis=-1)
-    axis = np.array([1.0, 0.0, 0.0])
-    cosine, sine = (away / distance)[..., None], (along / distance)[..., None]
-    normal, tangent = sine * axis + cosine * outward, cosine * axis - sine * outward
+    tilt, length = slope / jnp.sqrt(1 - slope**2), jnp.asarray(solids.length)
+    place, away, _ = _on_axis(local, tilt, length)
+    overlap = radius[:, None] - jnp.sqrt((local[..., 0] - place) ** 2 + away**2) + start - slope * place
 
     def largest(of: Float[AnyArray, "points solids"]) -> Touch:
         most = of == jnp.max(of, axis=1, keepdims=True)
         which = jnp.where(most & (jnp.cumsum(most, axis=1) == 1), 1.0, 0.0)
-        single = [jnp.sum(which * values, axis=1) for values in (of, place, distance)]
-        world = [jnp.einsum("ps,sij,psj->pi", which, turn, values) for values in (normal, tangent)]
-        on_end = jnp.any((which > 0) & (place != free), axis=1)
-        return Touch(which, single[0], world[0], single[1], single[2], 1 / single[2], world[1], on_end)
+        own = jnp.einsum("ps,psi->pi", which, local)
+        place, away, on_end = _on_axis(own, which @ tilt, which @ length)
+        along = own[:, 0] - place
+        distance = jnp.sqrt(along**2 + away**2)
+        cosine, sine = (away / distance)[:, None], (along / distance)[:, None]
+        outward = jnp.concatenate([jnp.zeros((len(own), 1)), own[:, 1:] / away[:, None]], axis=1)
+        axis, frame = np.array([1.0, 0.0, 0.0]), jnp.einsum("ps,sij->pij", which, turn)
+        normal, tangent = (
+            jnp.einsum("pij,pj->pi", frame, direction)
+            for direction in (sine * axis + cosine * outward, cosine * axis - sine * outward)
+        )
+        gap = jnp.sum(which * of, axis=1)
+        return Touch(which, gap, normal, place, distance, 1 / distance, tangent, on_end)
 
     first = largest(overlap)
     second = largest(jnp.where(first.which > 0, -NOWHERE, overlap))
     width = _width(solids)
     near = jnp.maximum(1 - (first.overlap - second.overlap) / width, 0.0)
     return Contacts((first, second), (1 - 0.5 * near, 0.5 * near), first.overlap + 0.25 * width * near**2)
+
+
+def _on_axis(
+    local: Float[Array, "*points 3"], tilt: Float[AnyArray, "*#points"], length: Float[AnyArray, "*#points"]
+) -> tuple[Float[Array, "*points"], Float[Array, "*points"], Bool[Array, "*points"]]:
+    """Place on a solid's axis, distance from the axis [m], and whether that place is an end of it."""
+    # On the axis the direction away from it is undefined; the tiny offset keeps its derivatives finite.
+    away = jnp.sqrt(local[..., 1] ** 2 + local[..., 2] ** 2 + 1e-30)
+    free = local[..., 0] - tilt * away
+    place = jnp.clip(free, 0.0, length)
+    return place, away, place != free
 
 
 def _on_plane(
@@ -229,60 +239,78 @@ class SolidContact(Term):
         With twists that move the sample by A to first order, and its solid by c = (ω, v) the same place p by
         D = v + ω × p, the sample moves in the solid by A − D + ½ ω × D − ω × A and what A has to second
         order: the energy of a point, by force and stiffness, and the force on −ω × A couples both.
+
+        A piece of the tube depends on the twists t₀, t₁ of its two points and on the coordinates of the
+        solids. With t₁ = t₀ + S of the step between them, t₀ᵀ K t₁ = t₀ᵀ K t₀ + t₀ᵀ K S: the first part is
+        a stiffness of the frame, and the step's columns S belong to few coordinates.
         """
         a, b = self.first.frames(tree), self.second.index(tree)
-        moving = np.array(tree.moving(self.frames(tree)), int)
+        solids = tree.moving(b)
         weight = self.stiffness * self.first.samples(tree).length
         width = _width(self.second)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
-            samples = self.first.samples(tree)
-            at, levers = (
-                self._overlaps(samples, motion.pose[a], motion.pose[b]),
-                samples.levers(motion.pose[a]),
-            )
+            samples, points = self.first.samples(tree), motion.pose[a]
+            at, levers = self._overlaps(samples, points, motion.pose[b]), samples.levers(points)
             push = weight * jnp.maximum(at.overlap, 0.0)
             touches = at.overlap > 0
             two = touches & (at.share[1] > 0)
-            jacobian = motion.jacobian[:, :, moving]
-            moved, position = _moved(samples, levers, jacobian[a]), jnp.sum(levers, axis=1)
+            position, jacobian = jnp.sum(levers, axis=1), motion.jacobian
+            of_solids = jacobian[b][:, :, np.array(solids, int)]
+            moved = _by_points(samples, levers)
+            size = moved.shape[2] + len(solids)
+            held = jnp.zeros((len(push), size, size))
             wrench, stiffness = jnp.zeros((tree.frames, 6)), jnp.zeros((tree.frames, 6, 6))
-            block, rows = jnp.zeros((len(moving), len(moving))), []
-            turned = jnp.zeros_like(moved)
-            whole = jnp.zeros_like(position)
+            whole, turned, rows = jnp.zeros_like(position), jnp.zeros((len(push), 3, len(solids))), []
             for counts, touch, share in zip((touches, two), at.touches, at.share, strict=True):
-                relative = moved - _carried(touch, levers, jacobian[b])
-                across = jnp.cross(touch.normal, touch.tangent)
+                carried = _carried(touch, levers, of_solids)
+                relative = jnp.concatenate([moved, -carried], axis=2)
                 rows.append(jnp.einsum("pi,pia->pa", touch.normal, relative))
-                bend = -share * push * touch.bent
+                bend = (-share * push * touch.bent)[:, None, None]
+                across = jnp.cross(touch.normal, touch.tangent)
                 for direction, bends in ((across, counts), (touch.tangent, counts & touch.on_end)):
                     row = jnp.einsum("pi,pia->pa", direction, relative)
-                    block += weighted_squares(row[:, None], bend[:, None], bends)
+                    held += where_each(bends, bend * square(row))
                 force = where_each(counts, -(share * push)[:, None] * touch.normal)
                 whole += force
-                turns = jnp.einsum("ps,sia->pia", touch.which, jacobian[b][:, :3])
+                turns = jnp.einsum("ps,sia->pia", touch.which, of_solids[:, :3])
                 turned += where_each(counts, lie.hat(force) @ turns)
                 wrench -= on_frames(touch.which.T @ point_wrench(position, force), b, tree.frames)
                 on_solids = where_each(counts, point_stiffness(position, force))
                 stiffness += on_frames(jnp.einsum("ps,pij->sij", touch.which, on_solids), b, tree.frames)
             apart = rows[0] - rows[1]
             both = rows[0] - where_each(two, at.share[1][:, None] * apart)
-            block += weighted_squares(both[:, None], weight[:, None], touches)
-            block += weighted_squares(apart[:, None], (0.5 * push / width)[:, None], two)
-            for end in range(2):
-                share, lever = samples.share[:, end, None], levers[:, end]
-                on_end = jnp.concatenate([jnp.cross(lever, whole), share * whole], axis=1)
-                wrench += sum_on_frames(where_each(touches, on_end), a[samples.piece + end], tree.frames)
-                turning = point_stiffness(lever, whole) * _shared(share)
-                stiffness += sum_on_frames(where_each(touches, turning), a[samples.piece + end], tree.frames)
-            coupled = jnp.einsum("pia,pib->ab", moved, turned)
-            block -= coupled + coupled.T
-            columns = tuple(moving.tolist())
+            held += where_each(touches, weight[:, None, None] * square(both))
+            held += where_each(two, (0.5 * push / width)[:, None, None] * square(apart))
+            held += where_each(touches, _turning(samples, levers, whole, moved, turned))
+            pressed = jnp.max(jnp.where(samples.of_piece > 0, at.overlap, -NOWHERE), axis=1) > 0
+            k = jnp.einsum("jp,pab->jab", samples.of_piece, held)
+            start, end, own = slice(0, 6), slice(6, 12), slice(12, size)
+            step = motion[self.first.rod].steps[-1]
+            columns = step.columns @ step.basis  # of the coordinates of the rod
+            coordinates = tuple(range(step.first, step.first + step.size))
+            before = jacobian[a[:-1]]
+            tie, drag = k[:, start, end], k[:, start, own] + k[:, end, own]
+            along = jnp.einsum("jka,jkb->ab", before, where_each(pressed, tie @ columns))
+            dragged = jnp.einsum("jka,jkb->ab", before, where_each(pressed, drag))
+            swept = jnp.einsum("jka,jkb->ab", columns, where_each(pressed, k[:, end, own]))
+            half = spread(along, coordinates, tree.dofs) + spread(dragged, solids, tree.dofs)
+            half += spread(spread(swept, solids, tree.dofs).T, coordinates, tree.dofs).T
+            still = jnp.sum(where_each(pressed, k[:, own, own]), axis=0)
+            for number, on_end in (
+                (0, k[:, start, start] + tie + jnp.swapaxes(tie, 1, 2)),
+                (1, k[:, end, end]),
+            ):
+                frames = a[:-1] if number == 0 else a[1:]
+                stiffness += on_frames(where_each(pressed, on_end), frames, tree.frames)
+                lever, share = levers[:, number], samples.share[:, number, None]
+                pulls = where_each(touches, jnp.concatenate([jnp.cross(lever, whole), share * whole], axis=1))
+                wrench += on_frames(samples.of_piece @ pulls, frames, tree.frames)
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(push * jnp.maximum(at.overlap, 0.0)),
                 wrench=wrench,
                 stiffness=stiffness,
-                hessian=spread(spread(block, columns, tree.dofs).T, columns, tree.dofs),
+                hessian=half + half.T + spread(spread(still, solids, tree.dofs).T, solids, tree.dofs),
             )
 
         return expand
@@ -326,8 +354,32 @@ def _rows(
     )
 
 
-def _shared(share: Float[np.ndarray, "samples 1"]) -> Float[np.ndarray, "samples 6 6"]:
-    """Factors of a point's stiffness where it follows a share of a frame's velocity."""
-    factors = np.ones((len(share), 6, 6))
-    factors[:, 3:, :3] = factors[:, :3, 3:] = share[..., None]
-    return factors
+def _by_points(samples: Samples, levers: Float[Array, "samples 2 3"]) -> Float[Array, "samples 3 12"]:
+    """How samples move by the twists of the two points on either side, one after the other."""
+    turning = -lie.hat(levers)
+    sliding = samples.share[..., None, None] * np.eye(3)
+    return jnp.concatenate([turning[:, 0], sliding[:, 0], turning[:, 1], sliding[:, 1]], axis=2)
+
+
+def _turning(
+    samples: Samples,
+    levers: Float[Array, "samples 2 3"],
+    force: Float[Array, "samples 3"],
+    moved: Float[Array, "samples 3 12"],
+    turned: Float[Array, "samples 3 solids"],
+) -> Float[Array, "samples variables variables"]:
+    """Second derivative of a constant force's work, by the twists of both points and coordinates of solids.
+
+    turned   force × ω of the solid, by its coordinates
+    """
+    factors = np.ones((len(force), 2, 6, 6))
+    factors[..., 3:, :3] = factors[..., :3, 3:] = samples.share[..., None, None]
+    first, second = (point_stiffness(levers[:, i], force) * factors[:, i] for i in range(2))
+    none = jnp.zeros_like(first)
+    coupled = -jnp.einsum("pia,pib->pab", moved, turned)
+    own = jnp.zeros((len(force), turned.shape[2], turned.shape[2]))
+    upper = jnp.concatenate([first, none, coupled[:, :6]], axis=2)
+    middle = jnp.concatenate([none, second, coupled[:, 6:]], axis=2)
+    return jnp.concatenate(
+        [upper, middle, jnp.concatenate([jnp.swapaxes(coupled, 1, 2), own], axis=2)], axis=1
+    )

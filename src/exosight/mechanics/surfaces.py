@@ -60,6 +60,11 @@ class Samples(NamedTuple):
     length: Float[AnyArray, " samples"]
     lumping: Float[np.ndarray, "points samples"]
 
+    @property
+    def of_piece(self) -> Float[np.ndarray, "pieces samples"]:
+        """1 for the samples of each piece, else 0."""
+        return (np.arange(len(self.lumping) - 1)[:, None] == self.piece).astype(float)
+
     def levers(self, pose: Float[Array, "points 4 4"]) -> Float[Array, "samples 2 3"]:
         """share p + along d of both points, whose sum is the place itself, in the world [m]."""
         ends = pose[np.stack([self.piece, self.piece + 1], axis=1)]
