@@ -14,6 +14,7 @@ overlaps d₁ ≥ d₂ that are largest at a point, d = d₁ + w h²/4 with h = 
 force is shared by 1 − h/2 and h/2; without it, poses at rest on the edge would have no derivative.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -33,7 +34,6 @@ from exosight.mechanics.term import (
     on_frames,
     point_stiffness,
     point_wrench,
-    square,
     where_each,
     zero,
 )
@@ -259,32 +259,33 @@ class SolidContact(Term):
             of_solids = jacobian[b][:, :, np.array(solids, int)]
             moved = _by_points(samples, levers)
             size = moved.shape[2] + len(solids)
-            held = jnp.zeros((len(push), size, size))
-            wrench, stiffness = jnp.zeros((tree.frames, 6)), jnp.zeros((tree.frames, 6, 6))
-            whole, turned, rows = jnp.zeros_like(position), jnp.zeros((len(push), 3, len(solids))), []
+            wrench = jnp.zeros((tree.frames, 6))
+            rows, squares = [], []
             for counts, touch, share in zip((touches, two), at.touches, at.share, strict=True):
                 carried = _carried(touch, levers, of_solids)
                 relative = jnp.concatenate([moved, -carried], axis=2)
-                rows.append(jnp.einsum("pi,pia->pa", touch.normal, relative))
-                bend = (-share * push * touch.bent)[:, None, None]
-                across = jnp.cross(touch.normal, touch.tangent)
-                for direction, bends in ((across, counts), (touch.tangent, counts & touch.on_end)):
-                    row = jnp.einsum("pi,pia->pa", direction, relative)
-                    held += where_each(bends, bend * square(row))
-                force = where_each(counts, -(share * push)[:, None] * touch.normal)
-                whole += force
-                turns = jnp.einsum("ps,sia->pia", touch.which, of_solids[:, :3])
-                turned += where_each(counts, lie.hat(force) @ turns)
-                wrench -= on_frames(touch.which.T @ point_wrench(position, force), b, tree.frames)
-                on_solids = where_each(counts, point_stiffness(position, force))
-                stiffness += on_frames(jnp.einsum("ps,pij->sij", touch.which, on_solids), b, tree.frames)
+                directions = (touch.normal, jnp.cross(touch.normal, touch.tangent), touch.tangent)
+                along = [jnp.einsum("pi,pia->pa", direction, relative) for direction in directions]
+                rows.append(along[0])
+                bend = -share * push * touch.bent
+                bends = [(along[1], bend), (along[2], jnp.where(touch.on_end, bend, 0.0))]
+                force = -(share * push)[:, None] * touch.normal
+                turned = lie.hat(force) @ jnp.einsum("ps,sia->pia", touch.which, of_solids[:, :3])
+                squares.append((bends, _turning(samples, levers, force, relative, turned)))
+                on_solids = where_each(counts, point_wrench(position, force))
+                wrench -= on_frames(touch.which.T @ on_solids, b, tree.frames)
             apart = rows[0] - rows[1]
             both = rows[0] - where_each(two, at.share[1][:, None] * apart)
-            held += where_each(touches, weight[:, None, None] * square(both))
-            held += where_each(two, (0.5 * push / width)[:, None, None] * square(apart))
-            held += where_each(touches, _turning(samples, levers, whole, moved, turned))
-            pressed = jnp.max(jnp.where(samples.of_piece > 0, at.overlap, -NOWHERE), axis=1) > 0
-            k = jnp.einsum("jp,pab->jab", samples.of_piece, held)
+            squares[0][0].append((both, jnp.where(touches, weight, 0.0)))
+            squares[1][0].append((apart, jnp.where(two, 0.5 * push / width, 0.0)))
+            pressed, crossed = (
+                jnp.max(jnp.where((samples.of_piece > 0) & of, 1.0, 0.0), axis=1) > 0 for of in (touches, two)
+            )
+            whole = -push[:, None] * at.touches[0].normal
+            whole += where_each(
+                two, (at.share[1] * push)[:, None] * (at.touches[0].normal - at.touches[1].normal)
+            )
+            k = _by_pieces(samples, *squares[0]) + where_each(crossed, _by_pieces(samples, *squares[1]))
             start, end, own = slice(0, 6), slice(6, 12), slice(12, size)
             step = motion[self.first.rod].steps[-1]
             columns = step.columns @ step.basis  # of the coordinates of the rod
@@ -297,15 +298,13 @@ class SolidContact(Term):
             half = spread(along, coordinates, tree.dofs) + spread(dragged, solids, tree.dofs)
             half += spread(spread(swept, solids, tree.dofs).T, coordinates, tree.dofs).T
             still = jnp.sum(where_each(pressed, k[:, own, own]), axis=0)
-            for number, on_end in (
-                (0, k[:, start, start] + tie + jnp.swapaxes(tie, 1, 2)),
-                (1, k[:, end, end]),
-            ):
-                frames = a[:-1] if number == 0 else a[1:]
-                stiffness += on_frames(where_each(pressed, on_end), frames, tree.frames)
-                lever, share = levers[:, number], samples.share[:, number, None]
+            stiffness = jnp.zeros((tree.frames, 6, 6))
+            on_start = k[:, start, start] + tie + jnp.swapaxes(tie, 1, 2)
+            for i, (frames, on_end) in enumerate(((a[:-1], on_start), (a[1:], k[:, end, end]))):
+                lever, share = levers[:, i], samples.share[:, i, None]
                 pulls = where_each(touches, jnp.concatenate([jnp.cross(lever, whole), share * whole], axis=1))
                 wrench += on_frames(samples.of_piece @ pulls, frames, tree.frames)
+                stiffness += on_frames(where_each(pressed, on_end), frames, tree.frames)
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(push * jnp.maximum(at.overlap, 0.0)),
                 wrench=wrench,
@@ -365,21 +364,43 @@ def _turning(
     samples: Samples,
     levers: Float[Array, "samples 2 3"],
     force: Float[Array, "samples 3"],
-    moved: Float[Array, "samples 3 12"],
+    relative: Float[Array, "samples 3 variables"],
     turned: Float[Array, "samples 3 solids"],
 ) -> Float[Array, "samples variables variables"]:
     """Second derivative of a constant force's work, by the twists of both points and coordinates of solids.
 
-    turned   force × ω of the solid, by its coordinates
+    relative   how samples move in the solid
+    turned     force × ω of the solid, by its coordinates
     """
-    factors = np.ones((len(force), 2, 6, 6))
+    factors = np.ones((len(samples.share), 2, 6, 6))
     factors[..., 3:, :3] = factors[..., :3, 3:] = samples.share[..., None, None]
     first, second = (point_stiffness(levers[:, i], force) * factors[:, i] for i in range(2))
     none = jnp.zeros_like(first)
-    coupled = -jnp.einsum("pia,pib->pab", moved, turned)
-    own = jnp.zeros((len(force), turned.shape[2], turned.shape[2]))
-    upper = jnp.concatenate([first, none, coupled[:, :6]], axis=2)
-    middle = jnp.concatenate([none, second, coupled[:, 6:]], axis=2)
-    return jnp.concatenate(
-        [upper, middle, jnp.concatenate([jnp.swapaxes(coupled, 1, 2), own], axis=2)], axis=1
+    coupled = -jnp.einsum("pia,pib->pab", relative, turned)
+    across, own = coupled[:, :12], 0.5 * (coupled[:, 12:] + jnp.swapaxes(coupled[:, 12:], 1, 2))
+    points = jnp.concatenate(
+        [jnp.concatenate([first, none], axis=2), jnp.concatenate([none, second], axis=2)], axis=1
     )
+    return jnp.concatenate(
+        [
+            jnp.concatenate([points, across], axis=2),
+            jnp.concatenate([jnp.swapaxes(across, 1, 2), own], axis=2),
+        ],
+        axis=1,
+    )
+
+
+def _by_pieces(
+    samples: Samples,
+    squares: Sequence[tuple[Float[Array, "samples variables"], Float[Array, " samples"]]],
+    others: Float[Array, "samples variables variables"],
+) -> Float[Array, "pieces variables variables"]:
+    """Sums over the samples of each piece, of factor xᵀ x for pairs (x, factor), and of other matrices."""
+    size = others.shape[2]
+    i, j = np.triu_indices(size)
+    half = jnp.einsum("jp,pa->ja", samples.of_piece, others[:, i, j])
+    for x, factor in squares:
+        half += jnp.einsum("jp,pa->ja", samples.of_piece, (factor[:, None] * x)[:, i] * x[:, j])
+    place = np.zeros((size, size), int)
+    place[i, j] = place[j, i] = np.arange(len(i))
+    return half[:, place]
