@@ -192,7 +192,7 @@ def test_a_belt_on_a_drum_holds_by_the_power_of_its_angle() -> None:
     """
     radius, thin, lead = 0.02, 5e-4, 0.01
     around = np.pi * (radius + thin)
-    points = Gauss(10, 4)
+    points = Gauss(10, 8)
 
     def natural(x: np.ndarray) -> np.ndarray:
         s, strain = x * (around + 2 * lead), np.zeros((len(x), 6))
