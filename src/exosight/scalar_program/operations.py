@@ -54,6 +54,8 @@ class Op(IntEnum):
     TRUNC = 39
     SKIP = 40
     DIFFERENCE = 41
+    TWO_DOTS = 42
+    THREE_DOTS = 43
     CONSTANT = -1
     INPUT = -2
 

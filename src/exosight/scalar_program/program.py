@@ -6,8 +6,9 @@ depends on the design alone is computed once.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
+from operator import itemgetter
 from typing import NamedTuple, no_type_check
 
 import numpy as np
@@ -16,6 +17,9 @@ from jaxtyping import Float, Integer
 from exosight.scalar_program.conditional import Arranged, arrange
 from exosight.scalar_program.graph import Graph
 from exosight.scalar_program.operations import Op
+from exosight.scalar_program.sums import Shared
+
+DOTS_AT_ONCE = {2: int(Op.TWO_DOTS), 3: int(Op.THREE_DOTS)}
 
 LONGEST_RUN = 60_000
 """Operations of one kind in a row; their number has to fit in 16 bits."""
@@ -149,7 +153,7 @@ def _allocated(
     results: Sequence[int],
 ) -> Program:
     """Slots for all values, and the code; a slot is used again once its value is used up."""
-    blocks, instead = arranged
+    blocks, instead, shared = arranged
     own = [i for block in blocks for i in block.values]
     used = {a for i in own for a in args[i]} | set(results)
     constants = [a for a in sorted(used) if op[a] == Op.CONSTANT]
@@ -170,7 +174,7 @@ def _allocated(
     word = np.uint16 if top < 2**16 else np.uint32
     code: list[int] = []
     for condition, values in blocks:
-        of_block = _code(op, args, values, slot)
+        of_block = _code(op, args, values, slot, shared)
         if condition is not None:
             code += [Op.SKIP, len(of_block) % 2**16, len(of_block) // 2**16, slot[condition]]
         code += of_block
@@ -183,18 +187,37 @@ def _allocated(
 
 
 @no_type_check  # see conditional
-def _code(op: list[int], args: list[tuple[int, ...]], order: list[int], slot: dict[int, int]) -> list[int]:
-    terms = {int(Op.DOT): lambda a: len(a) // 2, int(Op.LOOKUP): lambda a: len(a) - 1}
-    kinds = [(op[i], terms[op[i]](args[i])) if op[i] in terms else (op[i],) for i in order]
-    code: list[int] = []
+def _code(
+    op: list[int],
+    args: list[tuple[int, ...]],
+    order: list[int],
+    slot: dict[int, int],
+    shared: Mapping[int, Shared],
+) -> list[int]:
+    # Operations with their results and operands.
+    made = []
     at = 0
-    for (operation, *size), same in groupby(kinds):
-        left = len(list(same))
-        while left:
-            count = min(left, LONGEST_RUN)
-            code += [operation, count, *size]
-            for i in order[at : at + count]:
-                code.append(slot[i])
-                code += [slot[a] for a in args[i]]
-            at, left = at + count, left - count
+    while at < len(order):
+        i = order[at]
+        if i in shared:
+            results, operands = shared[i]
+            kind = (DOTS_AT_ONCE[len(results)], len(operands) // (1 + len(results)))
+        else:
+            results, operands = (i,), args[i]
+            kind = (op[i],)
+            if op[i] == Op.DOT:
+                kind = (op[i], len(operands) // 2)
+            elif op[i] == Op.LOOKUP:
+                kind = (op[i], len(operands) - 1)
+        made.append((kind, results, operands))
+        at += len(results)
+    code: list[int] = []
+    for (operation, *size), same in groupby(made, key=itemgetter(0)):
+        left = list(same)
+        for start in range(0, len(left), LONGEST_RUN):
+            run = left[start : start + LONGEST_RUN]
+            code += [operation, len(run), *size]
+            for _, results, operands in run:
+                code += [slot[i] for i in results]
+                code += [slot[a] for a in operands]
     return code
