@@ -38,7 +38,7 @@ class Block(NamedTuple):
 
 
 class Arranged(NamedTuple):
-    """All blocks, of sums in the place of another value, that value, and sums that are made at once, by the first."""
+    """All blocks; of sums in the place of another value, that value; sums made at once, by the first."""
 
     blocks: list[Block]
     instead: dict[int, int]

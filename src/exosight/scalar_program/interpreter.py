@@ -18,7 +18,7 @@ import llvmlite.binding as llvm
 from llvmlite import ir
 
 from exosight.scalar_program.cache import kept_bytes, source_hash
-from exosight.scalar_program.operations import LIBRARY, Op
+from exosight.scalar_program.operations import DOTS, LIBRARY, Op
 
 LANES = 8
 """Samples side by side: one vector register of AVX-512, two of AVX2, four of SSE or NEON. A single sample has
@@ -35,9 +35,6 @@ COMPARE = {Op.LT: "<", Op.LE: "<=", Op.GT: ">", Op.GE: ">=", Op.EQ: "==", Op.NE:
 
 INTRINSIC = {Op.ABS: "fabs", Op.SQRT: "sqrt", Op.TRUNC: "trunc"}
 """Functions that LLVM has for vectors, by their names there."""
-
-DOTS = {Op.DOT: 1, Op.TWO_DOTS: 2, Op.THREE_DOTS: 3}
-"""Sums that an operation makes at once."""
 
 TARGETS = {16: "exosight_scalar_program_16", 32: "exosight_scalar_program_32"}
 """Names under which XLA knows the interpreter, by the bits of a word of code."""

@@ -16,10 +16,8 @@ from jaxtyping import Float, Integer
 
 from exosight.scalar_program.conditional import Arranged, arrange
 from exosight.scalar_program.graph import Graph
-from exosight.scalar_program.operations import Op
+from exosight.scalar_program.operations import DOTS, Op
 from exosight.scalar_program.sums import Shared
-
-DOTS_AT_ONCE = {2: int(Op.TWO_DOTS), 3: int(Op.THREE_DOTS)}
 
 LONGEST_RUN = 60_000
 """Operations of one kind in a row; their number has to fit in 16 bits."""
@@ -27,12 +25,15 @@ LONGEST_RUN = 60_000
 LONGEST_CHAIN = 200
 """Products of a sum that one more is joined to: it is written anew each time."""
 
+AT_ONCE = {sums: int(op) for op, sums in DOTS.items()}
+"""The operation that makes so many sums."""
+
 
 class Program(NamedTuple):
     """What the interpreter runs. Slots 0, 1, … hold first the constants, then the arguments.
 
-    code        runs of equal operations: operation, count, terms (of a DOT or LOOKUP), then slots of each,
-                result first; before blocks: SKIP, their words (two numbers below 2¹⁶), slot of the condition
+    code        runs of equal operations: operation, count, terms (of DOTS or a LOOKUP), then slots of each,
+                results first; before blocks: SKIP, their words (two numbers below 2¹⁶), slot of the condition
     outputs     slots of the results
     constants   values of the first slots
     slots       how many there are
@@ -194,23 +195,18 @@ def _code(
     slot: dict[int, int],
     shared: Mapping[int, Shared],
 ) -> list[int]:
-    # Operations with their results and operands.
     made = []
-    at = 0
-    while at < len(order):
-        i = order[at]
-        if i in shared:
-            results, operands = shared[i]
-            kind = (DOTS_AT_ONCE[len(results)], len(operands) // (1 + len(results)))
-        else:
-            results, operands = (i,), args[i]
-            kind = (op[i],)
-            if op[i] == Op.DOT:
-                kind = (op[i], len(operands) // 2)
-            elif op[i] == Op.LOOKUP:
-                kind = (op[i], len(operands) - 1)
+    follows = {i for i in order if i in shared for i in shared[i].sums[1:]}
+    for i in order:
+        if i in follows:
+            continue
+        results, operands = shared.get(i, ((i,), args[i]))
+        kind = (op[i],)
+        if op[i] == Op.DOT:
+            kind = (AT_ONCE[len(results)], len(operands) // (1 + len(results)))
+        elif op[i] == Op.LOOKUP:
+            kind = (op[i], len(operands) - 1)
         made.append((kind, results, operands))
-        at += len(results)
     code: list[int] = []
     for (operation, *size), same in groupby(made, key=itemgetter(0)):
         left = list(same)

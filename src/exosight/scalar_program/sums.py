@@ -9,7 +9,7 @@ from typing import NamedTuple, no_type_check
 from exosight.scalar_program.operations import Op
 
 MOST = 3
-"""Sums made at once: beyond, a processor with 16 registers of four numbers keeps no more of them in registers."""
+"""Sums made at once: four or six make programs no faster."""
 
 
 class Shared(NamedTuple):
@@ -37,35 +37,30 @@ def shared_sums(
     apart   sums that stand alone
     """
     depth = _depths(args, own, guard)
-    groups: list[list[list[int]]] = []
-    found: dict[tuple, list[list[list[int]]]] = {}
+    groups: list[tuple[list[int], list]] = []
+    latest: dict[tuple, tuple[list[int], list]] = {}
     for i in own:
-        if op[i] != Op.DOT or i in apart:
+        if op[i] != Op.DOT or i in apart or len(args[i]) < 4:
             continue
-        x = args[i]
-        pairs = list(zip(x[::2], x[1::2], strict=True))
-        if len(pairs) < 2:
-            continue
+        pairs = list(zip(args[i][::2], args[i][1::2], strict=True))
         # Of one depth, so that none depends on another, whatever else is joined.
         start = guard[i], depth[i], len(pairs)
-        keys = [(*start, a, b) for a in set(pairs[0]) for b in set(pairs[1])]
+        keys = [(*start, a, b) for a in pairs[0] for b in pairs[1]]
         for key in keys:
-            for group in found.get(key, ()):
-                common = [[f for f in pair if f in own_] for pair, own_ in zip(pairs, group[1], strict=True)]
-                if len(group[0]) < MOST and all(common):
-                    group[0].append(i)
-                    group[1] = common
+            sums, factors = latest.get(key, ((), ()))
+            if 0 < len(sums) < MOST:
+                common = [
+                    [x for x in pair if x in shared] for pair, shared in zip(pairs, factors, strict=True)
+                ]
+                if all(common):
+                    sums.append(i)
+                    factors[:] = common
                     break
-            else:
-                continue
-            break
         else:
-            group = [[i], pairs]
-            groups.append(group)
-            for key in keys:
-                found.setdefault(key, []).append(group)
+            groups.append(([i], pairs))
+            latest |= dict.fromkeys(keys, groups[-1])
     return {
-        sums[0]: Shared(sums, _operands(args, sums, [f[0] for f in factors]))
+        sums[0]: Shared(sums, _operands(args, sums, [shared[0] for shared in factors]))
         for sums, factors in groups
         if len(sums) > 1
     }
