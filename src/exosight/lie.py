@@ -213,11 +213,16 @@ def _tangent_blocks(twist: Float[AnyArray, "*batch 6"]) -> tuple[Array, Array]:
     """The diagonal block of T and the one below it."""
     omega, v = twist[..., :3], twist[..., 3:]
     _, b, c, d, e = (k[..., None, None] for k in _coefficients(omega))
-    w, u = hat(omega), hat(v)
-    ww, wu, uw = w @ w, w @ u, u @ w
-    wuw = wu @ w
-    rotation = jnp.eye(3) + b * w + c * ww
-    coupling = 0.5 * u + c * (wu + uw + wuw) + d * (w @ wu + uw @ w - 3 * wuw) + e * (wuw @ w + w @ wuw)
+    outer = omega[..., :, None] * omega[..., None, :]
+    both = omega[..., :, None] * v[..., None, :]
+    square = jnp.sum(omega**2, axis=-1)[..., None]
+    inner = jnp.sum(omega * v, axis=-1)[..., None]
+    ww = outer - square[..., None] * jnp.eye(3)  # ω̂²
+    rotation = jnp.eye(3) + b * hat(omega) + c * ww
+    # Of the series' products of ω̂ and v̂: ω̂v̂ω̂ = −(ω·v) ω̂ and ω̂²v̂ + v̂ω̂² = −hat(|ω|² v + (ω·v) ω).
+    skew = hat((0.5 - d[..., 0] * square) * v + (2 * d[..., 0] - c[..., 0]) * inner * omega)
+    even = both + jnp.swapaxes(both, -1, -2) - 2 * inner[..., None] * jnp.eye(3)  # ω̂v̂ + v̂ω̂
+    coupling = skew + c * even - 2 * e * inner[..., None] * ww
     return rotation, coupling
 
 

@@ -241,7 +241,7 @@ def test_what_only_a_condition_needs_is_behind_it() -> None:
     one = graph.constant(1.0)
     op, args = list(graph.op), list(graph.args)
     own = [i for i in range(len(op)) if op[i] >= 0]
-    blocks, instead = arrange(op, args, graph.known, own, wanted, one)
+    blocks, instead, _ = arrange(op, args, graph.known, own, wanted, one)
     known = set(range(len(op))) - set(own) - {i for block in blocks for i in block.values}
     for block in blocks:
         assert block.condition is None or block.condition in known

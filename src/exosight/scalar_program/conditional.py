@@ -12,6 +12,7 @@ from heapq import heappop, heappush
 from typing import NamedTuple, no_type_check
 
 from exosight.scalar_program.operations import Op
+from exosight.scalar_program.sums import Shared, shared_sums
 
 LEAST = 12
 """Operations that pay for asking whether to skip them: a processor may guess the answer wrong."""
@@ -37,10 +38,11 @@ class Block(NamedTuple):
 
 
 class Arranged(NamedTuple):
-    """All blocks, and of sums in the place of another value, that value."""
+    """All blocks; of sums in the place of another value, that value; sums made at once, by the first."""
 
     blocks: list[Block]
     instead: dict[int, int]
+    shared: dict[int, Shared]
 
 
 class _Addition(NamedTuple):
@@ -99,12 +101,13 @@ def arrange(
     guard = {i: rarest[need[i]] for i in own}
     additions = {i: addition for i, addition in additions.items() if weight[addition.condition] >= LEAST}
     guard |= {i: addition.condition for i, addition in additions.items()}
-    blocks = _blocks(op, args, own, guard)
+    shared = shared_sums(op, args, own, guard, additions)
+    blocks = _blocks(op, args, own, guard, shared)
     for at, (_, values) in enumerate(blocks):
         # What another block of the same condition left out must not be added.
         if sum(size[i] for i in values) < LEAST and additions.keys().isdisjoint(values):
             blocks[at] = Block(None, values)
-    return Arranged(blocks, {i: addition.to for i, addition in additions.items()})
+    return Arranged(blocks, {i: addition.to for i, addition in additions.items()}, shared)
 
 
 @no_type_check
@@ -251,25 +254,33 @@ def _of(bits: int, conditions: Sequence[int]) -> Iterator[int]:
 
 @no_type_check
 def _blocks(
-    op: list[int], args: list[tuple[int, ...]], own: Sequence[int], guard: Mapping[int, int | None]
+    op: list[int],
+    args: list[tuple[int, ...]],
+    own: Sequence[int],
+    guard: Mapping[int, int | None],
+    shared: Mapping[int, Shared],
 ) -> list[Block]:
     """What is always needed, as far as it can be computed, then the first block that can be; and so on.
 
     Within a block, operations of one kind follow each other as far as they stand close to each other.
     """
+    follows = {i: first for first, group in shared.items() for i in group.sums[1:]}
+    own = [i for i in own if i not in follows]
     place = {i: at for at, i in enumerate(own)}
+    place |= {i: place[first] for i, first in follows.items()}
     waits = [0] * len(own)
     users: list[list[int]] = [[] for _ in own]
     for at, i in enumerate(own):
-        before = {place[a] for a in (*args[i], guard[i]) if a in place}
+        operands = shared[i].operands if i in shared else args[i]
+        before = {place[a] for a in (*operands, guard[i]) if a in place}
         waits[at] = len(before)
         for one in before:
             users[one].append(at)
     # In the order of conditions: sums over them are in this order, so that one block does for all.
     conditions = (guard[i] for i in own)
     group = [ALWAYS if condition is None else condition for condition in conditions]
-    kind = [(op[i], len(args[i])) for i in own]
-    ready: dict[int, dict[tuple[int, int], list[int]]] = {}
+    kind = [(op[i], len(args[i]), len(shared[i].sums) if i in shared else 1) for i in own]
+    ready: dict[int, dict[tuple[int, int, int], list[int]]] = {}
     waiting: list[int] = []
 
     def add(at: int) -> None:
@@ -291,7 +302,7 @@ def _blocks(
             end = alike[0] + CLOSE
             while alike and alike[0] <= end:
                 at = heappop(alike)
-                values.append(own[at])
+                values += shared[own[at]].sums if own[at] in shared else (own[at],)
                 for user in users[at]:
                     waits[user] -= 1
                     if not waits[user]:

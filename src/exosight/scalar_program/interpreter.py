@@ -7,7 +7,7 @@ Structures of that interface: xla/ffi/api/c_api.h, version 0.3.
 """
 
 import ctypes
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from typing import Any, TypeAlias
@@ -18,7 +18,7 @@ import llvmlite.binding as llvm
 from llvmlite import ir
 
 from exosight.scalar_program.cache import kept_bytes, source_hash
-from exosight.scalar_program.operations import LIBRARY, Op
+from exosight.scalar_program.operations import DOTS, LIBRARY, Op
 
 LANES = 8
 """Samples side by side: one vector register of AVX-512, two of AVX2, four of SSE or NEON. A single sample has
@@ -185,20 +185,30 @@ def _one_kind(b: Builder, op: Op, count: Value, slots: Value, place: Value) -> N
         return b.load(slot(), align=8 * vector.count)
 
     vector = slots.type.pointee
-    terms = _take(b, place) if op in (Op.DOT, Op.LOOKUP) else None
-    total = _variable(b, vector)
+    terms = _take(b, place) if op in DOTS or op == Op.LOOKUP else None
+    totals = [_variable(b, vector) for _ in range(DOTS.get(op, 0))]
     with _loop(b, count):
-        into = slot()
-        if terms is None:
-            result = _result(b, op, [read() for _ in range(_arity(op))])
+        into = [slot() for _ in totals or [None]]
+        if op in DOTS:
+            results = _sums(b, terms, totals, read)
         elif op == Op.LOOKUP:
-            result = _look_up(b, read(), slots, terms, place)
+            results = [_look_up(b, read(), slots, terms, place)]
         else:
-            b.store(b.fmul(read(), read()), total)
-            with _loop(b, b.sub(terms, LONG(1))):
-                b.store(_multiply_add(b, read(), read(), b.load(total)), total)
-            result = b.load(total)
-        b.store(result, into, align=8 * vector.count)
+            results = [_result(b, op, [read() for _ in range(_arity(op))])]
+        for result, where in zip(results, into, strict=True):
+            b.store(result, where, align=8 * vector.count)
+
+
+def _sums(b: Builder, terms: Value, totals: list[Value], read: Callable[[], Value]) -> list[Value]:
+    """Sums of products, whose first factors are the same: of each term that one, then the others."""
+    x = read()
+    for total in totals:
+        b.store(b.fmul(x, read()), total)
+    with _loop(b, b.sub(terms, LONG(1))):
+        x = read()
+        for total in totals:
+            b.store(_multiply_add(b, x, read(), b.load(total)), total)
+    return [b.load(total) for total in totals]
 
 
 def _look_up(b: Builder, index: Value, slots: Value, size: Value, place: Value) -> Value:

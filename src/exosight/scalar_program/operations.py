@@ -8,8 +8,8 @@ import numpy as np
 class Op(IntEnum):
     """An operation of the interpreter; comparisons give 1.0 or 0.0.
 
-    DIFFERENCE is a b − c d. SKIP leaves out the code of a block unless a number is not zero in one of the
-    samples.
+    DIFFERENCE is a b − c d. TWO_DOTS and THREE_DOTS are sums of products, with a factor in common in each of
+    their terms. SKIP leaves out the code of a block unless a number is not zero in one of the samples.
     """
 
     ADD = 0
@@ -54,9 +54,14 @@ class Op(IntEnum):
     TRUNC = 39
     SKIP = 40
     DIFFERENCE = 41
+    TWO_DOTS = 42
+    THREE_DOTS = 43
     CONSTANT = -1
     INPUT = -2
 
+
+DOTS = {Op.DOT: 1, Op.TWO_DOTS: 2, Op.THREE_DOTS: 3}
+"""Sums of products, and how many of them an operation makes."""
 
 LIBRARY = {
     Op.SIN: "sin",

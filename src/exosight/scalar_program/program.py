@@ -6,8 +6,9 @@ depends on the design alone is computed once.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
+from operator import itemgetter
 from typing import NamedTuple, no_type_check
 
 import numpy as np
@@ -15,7 +16,8 @@ from jaxtyping import Float, Integer
 
 from exosight.scalar_program.conditional import Arranged, arrange
 from exosight.scalar_program.graph import Graph
-from exosight.scalar_program.operations import Op
+from exosight.scalar_program.operations import DOTS, Op
+from exosight.scalar_program.sums import Shared
 
 LONGEST_RUN = 60_000
 """Operations of one kind in a row; their number has to fit in 16 bits."""
@@ -23,12 +25,15 @@ LONGEST_RUN = 60_000
 LONGEST_CHAIN = 200
 """Products of a sum that one more is joined to: it is written anew each time."""
 
+AT_ONCE = {sums: int(op) for op, sums in DOTS.items()}
+"""The operation that makes so many sums."""
+
 
 class Program(NamedTuple):
     """What the interpreter runs. Slots 0, 1, … hold first the constants, then the arguments.
 
-    code        runs of equal operations: operation, count, terms (of a DOT or LOOKUP), then slots of each,
-                result first; before blocks: SKIP, their words (two numbers below 2¹⁶), slot of the condition
+    code        runs of equal operations: operation, count, terms (of DOTS or a LOOKUP), then slots of each,
+                results first; before blocks: SKIP, their words (two numbers below 2¹⁶), slot of the condition
     outputs     slots of the results
     constants   values of the first slots
     slots       how many there are
@@ -149,7 +154,7 @@ def _allocated(
     results: Sequence[int],
 ) -> Program:
     """Slots for all values, and the code; a slot is used again once its value is used up."""
-    blocks, instead = arranged
+    blocks, instead, shared = arranged
     own = [i for block in blocks for i in block.values]
     used = {a for i in own for a in args[i]} | set(results)
     constants = [a for a in sorted(used) if op[a] == Op.CONSTANT]
@@ -170,7 +175,7 @@ def _allocated(
     word = np.uint16 if top < 2**16 else np.uint32
     code: list[int] = []
     for condition, values in blocks:
-        of_block = _code(op, args, values, slot)
+        of_block = _code(op, args, values, slot, shared)
         if condition is not None:
             code += [Op.SKIP, len(of_block) % 2**16, len(of_block) // 2**16, slot[condition]]
         code += of_block
@@ -183,18 +188,32 @@ def _allocated(
 
 
 @no_type_check  # see conditional
-def _code(op: list[int], args: list[tuple[int, ...]], order: list[int], slot: dict[int, int]) -> list[int]:
-    terms = {int(Op.DOT): lambda a: len(a) // 2, int(Op.LOOKUP): lambda a: len(a) - 1}
-    kinds = [(op[i], terms[op[i]](args[i])) if op[i] in terms else (op[i],) for i in order]
+def _code(
+    op: list[int],
+    args: list[tuple[int, ...]],
+    order: list[int],
+    slot: dict[int, int],
+    shared: Mapping[int, Shared],
+) -> list[int]:
+    made = []
+    follows = {i for i in order if i in shared for i in shared[i].sums[1:]}
+    for i in order:
+        if i in follows:
+            continue
+        results, operands = shared.get(i, ((i,), args[i]))
+        kind = (op[i],)
+        if op[i] == Op.DOT:
+            kind = (AT_ONCE[len(results)], len(operands) // (1 + len(results)))
+        elif op[i] == Op.LOOKUP:
+            kind = (op[i], len(operands) - 1)
+        made.append((kind, results, operands))
     code: list[int] = []
-    at = 0
-    for (operation, *size), same in groupby(kinds):
-        left = len(list(same))
-        while left:
-            count = min(left, LONGEST_RUN)
-            code += [operation, count, *size]
-            for i in order[at : at + count]:
-                code.append(slot[i])
-                code += [slot[a] for a in args[i]]
-            at, left = at + count, left - count
+    for (operation, *size), same in groupby(made, key=itemgetter(0)):
+        left = list(same)
+        for start in range(0, len(left), LONGEST_RUN):
+            run = left[start : start + LONGEST_RUN]
+            code += [operation, len(run), *size]
+            for _, results, operands in run:
+                code += [slot[i] for i in results]
+                code += [slot[a] for a in operands]
     return code
