@@ -1,164 +1,102 @@
-"""`exosight calibrate`: the camera of a system file, from pictures of a board."""
+"""`exosight calibrate`: the camera of a system file, from the device at rest or from a board."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import tomli_w
 import tyro
-from pydantic import ValidationError
 
-from exosight.app.commands.options import Json, Name, Number, Pixels
-from exosight.app.console import check_json_target, progress, say, show_or_write
+from exosight.app.commands.options import Json, MaybePath, Name, Number, Pixels
+from exosight.app.console import check_json_target, say
 from exosight.app.output import check_new_file
 from exosight.errors import InputError
-from exosight.evaluation.tables import Column, Table
 from exosight.files import write_new_file
-from exosight.validation import first_fault
 
-if TYPE_CHECKING:
-    from exosight.rig.charuco import Calibration, View
-    from exosight.system.camera import Camera
-
-Squares = Annotated[tuple[int, int], tyro.conf.arg(metavar="COLUMNS ROWS")]
-Metres = Annotated[float, tyro.conf.arg(metavar="M")]
-Corner = Annotated[tuple[float, float, float], tyro.conf.arg(metavar="X Y Z")]
-NAMED = 5
-"""Pictures that a note names at most."""
+Squares = Annotated[tuple[int, int] | None, tyro.conf.arg(metavar="COLUMNS ROWS", help_behavior_hint="")]
+Corner = Annotated[tuple[float, float, float] | None, tyro.conf.arg(metavar="X Y Z", help_behavior_hint="")]
 
 
 def calibrate(
-    pictures: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FOLDER")]],
-    board: Squares,
-    square: Metres,
+    pictures: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="PICTURES")]],
     system: Annotated[Path, tyro.conf.arg(metavar="FILE")],
-    out: Path,
+    out: MaybePath = None,
+    board: Squares = None,
+    square: Number = None,
     marker: Number = None,
-    dictionary: str = "4X4_50",
+    dictionary: Name = None,
     plane: Name = None,
-    corner: Corner = (0.0, 0.0, 0.0),
+    corner: Corner = None,
     crop: Pixels = None,
+    masks: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False,
     json: Json = None,
 ) -> None:
-    """Calibrate the camera of a system file from pictures of a ChArUco board, held in front of it.
+    """Find the camera of a system file from pictures of the device at rest, or of a ChArUco board.
 
-    The first camera of the file becomes a pinhole with the focal length, principal point and distortion that
-    explain the pictures best. Where it is follows from one picture in which the board stands in the plane in
-    which the device moves (--plane); without one, direction and scale at the centre stay as the file says.
-    The board may be cut off by the picture, but at least eight of its inner corners must be in it.
+    The device at rest, without loads: one picture says where the camera is, as its outline there is known. So
+    a camera that was bumped is noticed, and the file mended. A pinhole keeps its lens.
 
-    Shown are these with 95 % intervals, and the distances between corners and where the camera expects
-    them: some tenths of a pixel are usual; a larger one is of a bent board, blur, or a lens that bends more
-    than one coefficient says.
+    A board (--board), held in front of the camera: the first camera of the file becomes a pinhole with the
+    focal length, principal point and distortion that explain the pictures best. Where it is follows from one
+    picture in which the board stands in the plane in which the device moves (--plane); without one, direction
+    and scale at the centre stay as the file says.
+
+    Shown are 95 % intervals, and how far what was seen lies from where the camera shows it.
 
     Examples:
+      exosight calibrate picture.png --system my_rig.toml
+      exosight calibrate picture.png --system my_rig.toml --out moved.toml
       exosight calibrate pics --board 8 6 --square 0.02 --system a.toml --out b.toml
 
     Args:
-        pictures: folder of pictures of the board from several sides, five at least; all of one size
-        board: columns and rows of squares of the board
-        square: side of a square [m]
+        pictures: a picture, or a folder of them: of the device at rest, or of the board from several sides,
+            then five at least
         system: the system file
-        out: system file to write
-        marker: side of a marker [m]; by default three quarters of a square
-        dictionary: ArUco dictionary of the markers, such as 4X4_50, 5X5_100 or 6X6_250
-        plane: the picture in which the board stands upright in or along the x–z plane and faces the camera,
-            its upper edge along x
-        corner: with --plane, where the board's upper left corner is there: x, y and z in the world [m]
-        crop: part of the pictures that the file's camera shows [pixels]; its height follows from the
-            camera's aspect ratio; by default all
+        out: system file to write; by default none
+        board: columns and rows of squares of the board
+        square: with --board, side of a square [m]
+        marker: with --board, side of a marker [m]; by default three quarters of a square
+        dictionary: with --board, ArUco dictionary of the markers, such as 5X5_100; by default 4X4_50
+        plane: with --board, the picture in which the board stands upright in or along the x–z plane and
+            faces the camera, its upper edge along x
+        corner: with --plane, where the board's upper left corner is there: x, y and z in the world [m]; by
+            default 0 0 0
+        crop: with --board, part of the pictures that the file's camera shows [pixels]; its height follows
+            from the camera's aspect ratio; by default all
+        masks: of the device: the pictures are masks, as of exosight identify
         json: write all numbers as JSON to a new file, or to stdout with "-", instead of tables
     """
     check_json_target(json)
-    if out.suffix != ".toml":
-        raise InputError(f"--out: expected a file *.toml, got {str(out)!r}")
-    check_new_file(out)
-    from exosight.rig.calibrated_camera import placed, with_camera, with_lens
-    from exosight.rig.charuco import Board, find_boards
-    from exosight.rig.charuco import calibrate as run
-    from exosight.rig.folder import open_folder
-    from exosight.system.build import build
-    from exosight.system.file import describe, read_system_file
+    if out is not None:
+        if out.suffix != ".toml":
+            raise InputError(f"--out: expected a file *.toml, got {str(out)!r}")
+        check_new_file(out)
+    of_boards = {"square": square, "marker": marker, "dictionary": dictionary, "plane": plane}
+    of_boards |= {"corner": corner, "crop": crop}
+    if board is None:
+        for name, value in of_boards.items():
+            if value is not None:
+                raise InputError(f"--{name}: an option of boards; give --board, their columns and rows")
+    elif square is None:
+        raise InputError("--square: expected the side of the board's squares [m], got none; measure it")
+    elif masks:
+        raise InputError("--masks: an option of pictures of the device; leave it out with --board")
+    elif corner is not None and plane is None:
+        raise InputError("--corner: it has an effect with --plane alone; name the picture")
+    # Here, so that --help and wrong options answer at once.
+    from exosight.app.camera_calibration import at_rest, board_of, from_board
+    from exosight.rig.folder import PictureFolder, open_folder
+    from exosight.system.file import read_system_file
 
     values = read_system_file(system)
-    name, camera = build(describe(values)).cameras[0]
-    try:
-        chosen = Board(board, square, 0.75 * square if marker is None else marker, dictionary)
-    except ValidationError as error:
-        raise InputError(f"board: {first_fault(error)}") from None
-    folder = open_folder(pictures)
-    if plane is not None and plane not in folder.names:
-        raise InputError(f"--plane: expected a picture in {pictures}, got {plane!r}")
-    with progress("looking for the board", "pictures") as update:
-        views, size = find_boards(folder, chosen, update)
-    seen = [view.name for view in views]
-    _say_missing([file for file in folder.names if file not in seen])
-    found = run(views, chosen, size)
-    camera = with_lens(camera, found, crop)
-    if plane is not None:
-        if plane not in seen:
-            raise InputError(f"--plane: {plane} does not show the board; choose a picture that does")
-        at = seen.index(plane)
-        camera = placed(camera, found.rotations[at], found.translations[at], corner)
-    write_new_file(out, tomli_w.dumps(with_camera(values, name, camera)).encode())
-    show_or_write([_lens(found), _views(found, views)], _numbers(found, views, camera), json)
-    say(f"wrote {out}; exosight system show {out}")
-
-
-def _say_missing(names: list[str]) -> None:
-    if names:
-        more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
-        say(f"left out, as they do not show the board: {', '.join(names[:NAMED])}{more}")
-
-
-def _lens(found: "Calibration") -> Table:
-    columns = (Column("lens"), Column("value"), Column("from"), Column("to"), Column("unit"))
-    (focal, own), (radial, bent) = found.focal_length, found.radial
-    rows = [("focal length", focal, own, "pixels")]
-    middles, errors = found.principal
-    for side, middle, error in zip(("column", "row"), middles.tolist(), errors.tolist(), strict=True):
-        rows.append((f"principal point, {side}", middle, error, "pixels"))
-    rows.append(("distortion k₁", radial, bent, ""))
-    width, height = found.size
-    view = 2 * np.degrees(np.arctan(np.array(found.size) / 2 / focal))
-    note = (
-        f"95 % intervals; pictures of {width}×{height} pixels, which show {view[0]:.1f}° × {view[1]:.1f}°; "
-        f"corners lie {found.error:.2f} pixels (RMS) from where the camera expects them"
-    )
-    shown = tuple((what, at, at - 1.96 * sd, at + 1.96 * sd, unit) for what, at, sd, unit in rows)
-    return Table("lens", "The camera's lens", columns, shown, note)
-
-
-def _views(found: "Calibration", views: "tuple[View, ...]") -> Table:
-    columns = (
-        *(Column("picture"), Column("corners")),
-        *(Column("distance", "mm", digits=1), Column("tilt", "deg", digits=1)),
-        Column("error", "pixels", digits=2),
-    )
-    rows = zip(
-        [view.name for view in views],
-        [len(view.ids) for view in views],
-        (1e3 * found.translations[:, 2]).tolist(),
-        np.degrees(found.tilts).tolist(),
-        found.errors.tolist(),
-        strict=True,
-    )
-    return Table("views", "Where the board was", columns, tuple(rows))
-
-
-def _numbers(found: "Calibration", views: "tuple[View, ...]", camera: "Camera") -> dict[str, Any]:
-    from pydantic import TypeAdapter
-
-    from exosight.system.camera import Camera
-
-    return {
-        "focal_length_pixels": found.focal_length[0],
-        "focal_length_deviation_pixels": found.focal_length[1],
-        "principal_point_pixels": found.principal[0].tolist(),
-        "principal_point_deviation_pixels": found.principal[1].tolist(),
-        "radial_distortion": found.radial[0],
-        "radial_distortion_deviation": found.radial[1],
-        "reprojection_error_pixels": found.error,
-        "views": _views(found, views).records(),
-        "camera": TypeAdapter(Camera).dump_python(camera, mode="json"),
-    }
+    is_file = pictures.is_file()
+    folder = PictureFolder(pictures.parent, (pictures.name,)) if is_file else open_folder(pictures)
+    if board is None:
+        found = at_rest(values, folder, masks, json)
+    else:
+        assert square is not None
+        sides = square, 0.75 * square if marker is None else marker
+        chosen = board_of(board, sides, dictionary or "4X4_50")
+        found = from_board(values, folder, chosen, plane, corner or (0.0, 0.0, 0.0), crop, json)
+    if out is not None:
+        write_new_file(out, tomli_w.dumps(found).encode())
+        say(f"wrote {out}; exosight system show {out}")
