@@ -79,7 +79,16 @@ def test_camera_cannot_change():
         Camera().width = 5
 
 
-PINHOLE = Camera(distance=0.3, pan=0.12, tilt=-0.2, roll=0.3, distortion=-0.05, width=320, height=240)
+PINHOLE = Camera(
+    distance=0.3,
+    pan=0.12,
+    tilt=-0.2,
+    roll=0.3,
+    distortion=-0.05,
+    principal=(9.0, -4.0),
+    width=320,
+    height=240,
+)
 
 
 def in_view(count, seed=0):
@@ -91,7 +100,7 @@ def in_view(count, seed=0):
 def test_pinhole_agrees_with_opencv():
     assert PINHOLE.distance
     focal_length = PINHOLE.distance / PINHOLE.metres_per_pixel
-    middle = np.array([[focal_length, 0, 160], [0, focal_length, 120], [0, 0, 1]])
+    middle = np.array([[focal_length, 0, 169], [0, focal_length, 116], [0, 0, 1]])
     target = np.array([PINHOLE.centre[0], 0, PINHOLE.centre[1]])
     moved = np.array([0, 0, PINHOLE.distance]) - PINHOLE.rotation @ target
     turned, _ = cv2.Rodrigues(PINHOLE.rotation)
@@ -110,9 +119,14 @@ def test_pinhole_straight_ahead_scales_with_depth():
     np.testing.assert_allclose(project(camera, points), expected)
 
 
-def test_pinhole_sees_its_centre_in_the_middle_whatever_its_direction():
+def test_pinhole_sees_its_centre_at_the_principal_point_whatever_its_direction():
     x, z = PINHOLE.centre
-    np.testing.assert_allclose(project(PINHOLE, np.array([x, 0.0, z])), [160, 120], atol=1e-9)
+    np.testing.assert_allclose(project(PINHOLE, np.array([x, 0.0, z])), [169, 116], atol=1e-9)
+
+
+def test_resized_pinhole_scales_pixel_coordinates():
+    points = in_view(20)
+    np.testing.assert_allclose(project(resized(PINHOLE, 640, 480), points), 2 * project(PINHOLE, points))
 
 
 def test_corner_moves_by_the_distortion():
@@ -156,7 +170,9 @@ def test_depth_and_picture_have_one_scale():
         np.testing.assert_allclose(lengths, lengths[0], rtol=1e-5)  # of second order in the step over 0.2 m
 
 
-@pytest.mark.parametrize("wrong", [{"tilt": 0.1}, {"pan": 0.1}, {"distortion": 0.1}, {"distance": 0.001}])
+@pytest.mark.parametrize(
+    "wrong", [{"tilt": 0.1}, {"pan": 0.1}, {"distortion": 0.1}, {"principal": (1, 0)}, {"distance": 0.001}]
+)
 def test_pinhole_that_makes_no_sense_is_refused(wrong):
     with pytest.raises(ValidationError):
         Camera(**wrong)

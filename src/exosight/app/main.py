@@ -23,6 +23,8 @@ COMMANDS = {
     "simulate": "equilibria of one exosuit under given loads",
     "generate": "a dataset of labelled images from simulation",
     "import": "a dataset from pictures and readings of your own",
+    "segment": "masks of the bodies in photographs",
+    "calibrate": "the camera of a system file, from the device at rest or a board",
     "identify": "the model of a rig from pictures of it at known loads",
     "train": "a network from a dataset",
     "adapt": "a network changed by a few labels of another set-up",

@@ -12,6 +12,7 @@ lerobot    LeRobot datasets: videos or pictures; lerobot_tables: their Parquet f
 matching   which row of a table belongs to which picture
 readings   sensors, commands and sequences of matched pictures
 importing  the dataset made of them: chunk after chunk, resumable
+charuco    the lens of a camera from pictures of a board; calibrated_camera: what a system file says of it
 
 identification/  the model of a rig from pictures at known loads
 """

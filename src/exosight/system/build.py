@@ -58,6 +58,7 @@ def build(description: Description) -> System:
                     pan=table.pan,
                     tilt=table.tilt,
                     distortion=table.distortion,
+                    principal=table.principal,
                 ),
             )
             for name, table in description.cameras.items()

@@ -17,6 +17,7 @@ from exosight.errors import InputError
 
 Metres = Annotated[float, Field(ge=-1000, le=1000)]
 LARGEST_SIDE = 8192  # pixels
+Offset = Annotated[float, Field(ge=-LARGEST_SIDE, le=LARGEST_SIDE)]
 Visibility = Literal["depth", "stacked"]
 """Which of several tubes a pixel shows: `depth`, the surface that is nearest to the camera; `stacked`, the
 tube that the system names last. `stacked` shows how deep tubes in contact overlap, which no camera sees; of
@@ -27,9 +28,9 @@ NEAREST = 1e-3
 """Least depth of what a pinhole camera shows [m]: what is nearer is shown as if it were there."""
 
 
-def _unsaid(value: float | None) -> bool:
+def _unsaid(value: float | tuple[float, float] | None) -> bool:
     """Whether an entry of a pinhole is left out of files: those of orthographic cameras stay as they were."""
-    return not value
+    return not value or value == (0.0, 0.0)
 
 
 @dataclass(frozen=True, config=ConfigDict(extra="forbid"))
@@ -37,12 +38,13 @@ class Camera:
     """Orthographic camera that looks along +y onto the x–z plane; with a distance, a pinhole with a lens.
 
     The pinhole looks at the world point (x_centre, 0, z_centre), from where `pan` and `tilt` take it, and has
-    the focal length distance/metres_per_pixel [pixels]. As the distance grows, its picture becomes that of
-    the orthographic camera. Raises a validation error for a direction or a lens without a distance.
+    the focal length distance/metres_per_pixel [pixels]; the point is shown at the principal point. As the
+    distance grows, its picture becomes that of the orthographic camera. Raises a validation error for a
+    direction, a principal point or a lens without a distance.
     """
 
     centre: tuple[Metres, Metres] = (0.05, -0.005)
-    """World point (x, z) shown at the middle of the image [m]."""
+    """World point (x, z) shown at the middle of the image, of a pinhole at its principal point [m]."""
     metres_per_pixel: Annotated[float, Field(ge=1e-9, le=1e3)] = 0.0011
     """Side of one square pixel in the world, of a pinhole at its centre [m]."""
     width: Annotated[int, Field(ge=1, le=LARGEST_SIDE)] = 128
@@ -58,11 +60,16 @@ class Camera:
     tilt: Annotated[float, Field(ge=-1.5, le=1.5, exclude_if=_unsaid)] = 0.0
     """By which it then rises above the centre [rad]."""
     distortion: Annotated[float, Field(ge=-0.2, le=0.2, exclude_if=_unsaid)] = 0.0
-    """Radial distortion at the image's corners, as a share of their distance; negative is a barrel."""
+    """Radial distortion half an image's diagonal from the principal point, as a share of this distance;
+    negative is a barrel."""
+    principal: Annotated[tuple[Offset, Offset], Field(exclude_if=_unsaid)] = (0.0, 0.0)
+    """Principal point, where the optical axis meets the image: right of its middle, and below it [pixels]."""
 
     def __post_init__(self) -> None:
-        if self.distance is None and (self.pan or self.tilt or self.distortion):
-            raise ValueError("pan, tilt and distortion: expected a pinhole camera with a distance, got none")
+        if self.distance is None and (self.pan or self.tilt or self.distortion or any(self.principal)):
+            raise ValueError(
+                "pan, tilt, distortion and principal: expected a pinhole camera with a distance, got none"
+            )
 
     @property
     def rotation(self) -> Float[np.ndarray, "3 3"]:
@@ -119,8 +126,15 @@ def resized(camera: Camera, width: int, height: int) -> Camera:
             raise InputError(
                 f"{name}: expected 1 to {LARGEST_SIDE} pixels, got {side}; choose another image size"
             )
-    scale = max(camera.width / width, camera.height / height) * camera.metres_per_pixel
-    return dataclasses.replace(camera, metres_per_pixel=scale, width=width, height=height)
+    coarser = max(camera.width / width, camera.height / height)
+    right, down = camera.principal
+    return dataclasses.replace(
+        camera,
+        metres_per_pixel=coarser * camera.metres_per_pixel,
+        width=width,
+        height=height,
+        principal=(right / coarser, down / coarser),
+    )
 
 
 def project_spheres(
@@ -153,7 +167,8 @@ def project_spheres(
     far = np.maximum(at[..., 2] + camera.distance, NEAREST)
     flat = at[..., :2] / far[..., None]
     bent = camera.lens * np.sum(flat**2, axis=-1)
-    seen = np.array([camera.width, camera.height]) / 2 + focal_length * (1 + bent)[..., None] * flat
+    middle = np.array([camera.width, camera.height]) / 2 + camera.principal
+    seen = middle + focal_length * (1 + bent)[..., None] * flat
     depth = focal_length * np.log(far / camera.distance)
     size = focal_length * (1 + 2 * bent) * radii / np.sqrt(np.maximum(far**2 - radii**2, NEAREST**2))
     return np.concatenate([seen, depth[..., None]], axis=-1), np.asarray(size)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag
 from pydantic.dataclasses import dataclass
 
-from exosight.system.camera import LARGEST_SIDE, Visibility
+from exosight.system.camera import LARGEST_SIDE, Offset, Visibility
 from exosight.system.schema import Component
 from exosight.system.units import (
     Acceleration,
@@ -336,10 +336,14 @@ class CameraTable:
     """by which it then rises above the centre"""
     distortion: Annotated[float, Field(ge=-0.2, le=0.2)] = 0.0
     """of its lens, at the image's corners, as a share of their distance; negative is a barrel"""
+    principal: tuple[Offset, Offset] = (0.0, 0.0)
+    """where its optical axis meets the image: pixels right of the middle, and below it"""
 
     def __post_init__(self) -> None:
-        if self.distance is None and (self.pan or self.tilt or self.distortion):
-            raise ValueError("pan, tilt and distortion: expected a pinhole camera with a distance, got none")
+        if self.distance is None and (self.pan or self.tilt or self.distortion or any(self.principal)):
+            raise ValueError(
+                "pan, tilt, distortion and principal: expected a pinhole camera with a distance, got none"
+            )
 
 
 @dataclass(frozen=True, config=CONFIG)

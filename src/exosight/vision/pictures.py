@@ -127,6 +127,25 @@ def decode(data: bytes, name: str) -> Decoded:
 
     Raises DataError if it is no picture, damaged, or too large.
     """
+    picture, turned = _opened(data, name, "L")
+    deep = picture.mode.startswith("I;16")
+    gray = (np.asarray(picture) >> 8).astype(np.uint8) if deep else np.asarray(picture.convert("L"))
+    return Decoded(gray, turned, deep)
+
+
+def decode_colour(data: bytes, name: str) -> UInt8[np.ndarray, "rows columns 3"]:
+    """Red, green and blue of a picture file, 0…255, turned as it says; of gray ones all three are equal.
+
+    Raises what `decode` raises, and DataError for 16 bits a pixel.
+    """
+    picture, _ = _opened(data, name, "RGB")
+    if picture.mode.startswith("I;16"):
+        raise DataError(f"{name}: 16 bits a pixel; save it with 8")
+    return np.asarray(picture.convert("RGB"))
+
+
+def _opened(data: bytes, name: str, draft: str) -> tuple[Image.Image, bool]:
+    """A picture file, unpacked, and whether it was turned as it says."""
     too_large = f"up to {LARGEST_PICTURE // 10**6} million pixels are read; make it smaller"
     try:
         with warnings.catch_warnings():
@@ -134,17 +153,13 @@ def decode(data: bytes, name: str) -> Decoded:
             with Image.open(io.BytesIO(data), formats=KINDS) as picture:
                 if picture.width * picture.height > LARGEST_PICTURE:
                     raise DataError(f"{name}: {picture.width}×{picture.height} pixels, {too_large}")
-                picture.draft("L", None)  # of a JPEG only the gray is unpacked
+                picture.draft(draft, None)  # of a JPEG only the gray is unpacked, if that is wanted
                 picture.load()
                 turned = picture.getexif().get(ExifTags.Base.Orientation, 1) != 1
                 ImageOps.exif_transpose(picture, in_place=True)
-                deep = picture.mode.startswith("I;16")
                 if picture.mode in ("I", "F"):
                     raise DataError(f"{name}: more than 16 bits a pixel; save it with 8 or 16")
-                gray = (
-                    (np.asarray(picture) >> 8).astype(np.uint8) if deep else np.asarray(picture.convert("L"))
-                )
-                return Decoded(gray, turned, deep)
+                return picture.copy(), turned
     except DataError:
         raise
     except Image.DecompressionBombError:

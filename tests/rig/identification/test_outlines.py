@@ -1,17 +1,20 @@
 """Outlines of drawn bodies, against the geometry that they were drawn from."""
 
+from dataclasses import replace
+
 import jax
 import numpy as np
 import pytest
 
 from exosight.errors import DataError
-from exosight.rig.identification.distances import distances, projected
+from exosight.rig.identification.distances import distances, projected, view_of
 from exosight.rig.identification.outlines import UNKNOWN, Outline, outline_of_mask, outline_of_picture
-from exosight.system.camera import Camera, project
+from exosight.system.camera import Camera, project_spheres
 from exosight.vision.renderer import Tube, render
 
 CAMERA = Camera(centre=(0.0, 0.0), metres_per_pixel=0.001, width=128, height=96, roll=0.1)
-VIEW = np.array([0.0, 0.0, 0.001, 0.1])
+PINHOLE = replace(CAMERA, distance=0.3, pan=0.2, tilt=-0.3, distortion=0.1, principal=(5.0, -3.0))
+VIEW = view_of(CAMERA)
 SHADES = (0.7, 0.3)
 FINGER = np.array([[-0.04, 0.0, -0.008], [0.0, 0.0, -0.012], [0.04, 0.0, -0.024]]), [0.011, 0.008, 0.005]
 ROD = np.array([[-0.04, 0.0, 0.009], [0.0, 0.0, 0.001], [0.03, 0.0, 0.01]]), [0.007, 0.006, 0.005]
@@ -27,13 +30,18 @@ def tubes() -> list[Tube]:
 
 def off(outline: Outline) -> np.ndarray:
     """Distance of each point from the outline that was drawn [pixels]."""
-    known = [(projected(c, VIEW, (128, 96)), np.array(r) / VIEW[2]) for c, r in (FINGER, ROD)]
+    known = [projected(c, np.array(r), VIEW, (128, 96)) for c, r in (FINGER, ROD)]
     args = (outline.points, outline.inside, outline.outside, known, np.zeros(2), False)
     return np.asarray(distances(*args))
 
 
-def test_points_are_projected_as_the_camera_does() -> None:
-    np.testing.assert_allclose(projected(ROD[0], VIEW, (128, 96)), project(CAMERA, ROD[0]), atol=1e-12)
+@pytest.mark.parametrize("camera", [CAMERA, PINHOLE])
+def test_spheres_are_projected_as_the_camera_does(camera: Camera) -> None:
+    centres, radii = ROD[0] + np.array([0.0, 0.02, 0.0]), np.array(ROD[1])
+    found = projected(centres, radii, view_of(camera), (128, 96))
+    seen, sizes = project_spheres(camera, centres, radii)
+    np.testing.assert_allclose(found[0], seen[:, :2], atol=1e-10)
+    np.testing.assert_allclose(found[1], sizes, atol=1e-10)
 
 
 def test_outlines_of_a_picture_lie_within_a_tenth_of_a_pixel() -> None:
@@ -58,18 +66,20 @@ def test_outlines_of_a_mask_lie_within_half_a_pixel() -> None:
     assert np.sqrt(np.mean(off(found)[free] ** 2)) < 0.3
 
 
-def test_a_distance_moves_with_its_sphere() -> None:
+@pytest.mark.parametrize("camera", [CAMERA, PINHOLE])
+def test_a_distance_moves_with_its_sphere(camera: Camera) -> None:
     points = np.array([[60.0, 20.0], [64.0, 70.0], [50.0, 44.0]])
     args = points, np.array([1, 0, 0]), np.array([-1, -1, 1])
 
     def found(view: np.ndarray) -> jax.Array:
-        known = [(projected(c, view, (128, 96)), np.array(r) / view[2]) for c, r in (FINGER, ROD)]
+        known = [projected(c, np.array(r), view, (128, 96)) for c, r in (FINGER, ROD)]
         return distances(*args, known, np.array([0.1, 0.2]), False)
 
-    slope, step = jax.jacfwd(found)(VIEW), 1e-5
-    for i in range(4):
-        move = np.eye(4)[i] * step * max(abs(VIEW[i]), 1e-3)
-        rise = (found(VIEW + move) - found(VIEW - move)) / (2 * move[i])
+    at = view_of(camera)
+    slope, step = jax.jacfwd(found)(at), 1e-5
+    for i in range(len(at)):
+        move = np.eye(len(at))[i] * step * max(abs(at[i]), 1e-3)
+        rise = (found(at + move) - found(at - move)) / (2 * move[i])
         # Central differences: steps of 1e-5 leave 1e-10 of second derivatives and 1e-9 of round-off.
         np.testing.assert_allclose(slope[:, i], rise, rtol=1e-6, atol=1e-6)
 

@@ -9,5 +9,6 @@ measurements   pictures, commands and readings
 fit            the most likely parameters
 posterior      intervals, what stays open, what a further picture tells
 predicted      the outline that a picture would have
+registered     where a camera is, from the device at rest: `register`
 result         all of it: `identify`
 """

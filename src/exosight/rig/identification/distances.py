@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
+from exosight.system.camera import Camera
 
 TINY = 1e-12
 """Keeps roots differentiable [pixels²]."""
@@ -37,19 +38,45 @@ class Spheres(NamedTuple):
         return self.distance * (self.distance + 2 * self.radius)
 
 
-def projected(
-    nodes: Float[AnyArray, "nodes 3"], view: Float[AnyArray, "4"], size: tuple[int, int]
-) -> Float[Array, "nodes 2"]:
-    """Columns and rows of world points, as `exosight.system.camera.project` has them.
+def view_of(camera: Camera) -> Float[np.ndarray, "10"]:
+    """What `projected` needs of a camera: x and z of the centre [m], metres per pixel, roll, pan, tilt [rad],
+    one over the distance [1/m], k₁ of the lens, and the principal point, from the middle [pixels]."""
+    near = 0.0 if camera.distance is None else 1 / camera.distance
+    return np.array(
+        [
+            *(*camera.centre, camera.metres_per_pixel, camera.roll, camera.pan, camera.tilt),
+            *(near, camera.lens, *camera.principal),
+        ]
+    )
 
-    view   x and z of the middle of the image [m], metres per pixel, roll [rad]
+
+def projected(
+    nodes: Float[AnyArray, "nodes 3"],
+    radii: Float[AnyArray, " nodes"],
+    view: Float[AnyArray, "10"],
+    size: tuple[int, int],
+) -> tuple[Float[Array, "nodes 2"], Float[Array, " nodes"]]:
+    """Columns and rows of spheres and their radii [pixels], as `exosight.system.camera.project_spheres` does.
+
+    An orthographic camera is a pinhole at an infinite distance.
+
+    view   see `view_of`
     size   width and height of the image [pixels]
     """
-    flat = (jnp.asarray(nodes)[:, ::2] - view[:2]) / view[2]
-    sine, cosine = jnp.sin(view[3]), jnp.cos(view[3])
-    right, up = flat[:, 0], flat[:, 1]
-    turned = jnp.stack([cosine * right + sine * up, sine * right - cosine * up], axis=1)
-    return turned + np.array(size) / 2
+    x, z, pixel, roll, pan, tilt, near, lens, right, down = view
+    sin, cos = jnp.sin, jnp.cos
+    along = jnp.stack([-sin(pan) * cos(tilt), cos(pan) * cos(tilt), -sin(tilt)])
+    level = jnp.stack([cos(pan), sin(pan), jnp.zeros_like(pan)])
+    below = jnp.cross(along, level)
+    turn = jnp.stack([cos(roll) * level - sin(roll) * below, sin(roll) * level + cos(roll) * below, along])
+    at = (jnp.asarray(nodes) - jnp.stack([x, jnp.zeros_like(x), z])) @ turn.T
+    depth = 1 + near * at[:, 2]  # over the distance
+    flat = at[:, :2] / depth[:, None]
+    bent = lens * near**2 * jnp.sum(flat**2, axis=1)
+    middle = np.array(size) / 2 + jnp.stack([right, down])
+    found = middle + (1 + bent)[:, None] * flat / pixel
+    radii = jnp.asarray(radii)
+    return found, (1 + 2 * bent) * radii / (pixel * jnp.sqrt(depth**2 - (near * radii) ** 2))
 
 
 def nearest_spheres(

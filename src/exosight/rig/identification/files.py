@@ -100,14 +100,9 @@ def outline_of_system(
     """The outline in a picture of a system, or in a mask, see `outline_of_picture` and `outline_of_mask`.
 
     Raises DataError, beginning with `name`, for another size than that of the system's camera, or a picture
-    without the system, and InputError for a camera in perspective.
+    without the system.
     """
     camera = system.camera
-    if camera.distance is not None:
-        raise InputError(
-            "camera: expected an orthographic one, as no other is identified, got one in perspective; leave "
-            "its distance out"
-        )
     if gray.shape != (camera.height, camera.width):
         raise DataError(
             f"{name}: expected {camera.width}×{camera.height} pixels, as the first picture or the system "

@@ -228,7 +228,7 @@ def _placed(
     camera = system.camera
     ratio = np.linalg.norm(found.std(axis=0)) / np.linalg.norm(model.std(axis=0))
     pixel = camera.metres_per_pixel / ratio
-    middle = np.array([camera.width, camera.height]) / 2
+    middle = np.array([camera.width, camera.height]) / 2 + camera.principal
     ahead = (model.mean(axis=0) - middle) * camera.metres_per_pixel - (found.mean(axis=0) - middle) * pixel
     wanted = {
         "pixel": pixel,

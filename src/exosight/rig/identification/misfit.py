@@ -48,9 +48,7 @@ def _outline_rows(
     """
 
     def found(axes: Sequence[Array], radii: Sequence[Array], view: Array, offset: Array) -> Array:
-        tubes = [
-            (projected(axis, view, size), radius / view[2]) for axis, radius in zip(axes, radii, strict=True)
-        ]
+        tubes = [projected(axis, radius, view, size) for axis, radius in zip(axes, radii, strict=True)]
         return distances(points, *sides, tubes, offset, stacked)
 
     value, push = jax.linearize(found, *at)
@@ -62,7 +60,7 @@ def outline_rows(
     picture: Picture,
     value: Response,
     slope: Response,
-    view: tuple[Float[AnyArray, "4"], Float[AnyArray, "4 parameters"]],
+    view: tuple[Float[AnyArray, "10"], Float[AnyArray, "10 parameters"]],
     offset: Float[np.ndarray, " tubes"],
     offset_deviation: float,
     size: tuple[int, int],

@@ -43,6 +43,8 @@ class Prior:
     """of the middle of the picture [m]"""
     roll: float = 0.2
     """of the camera [rad]"""
+    aside: float = 0.1
+    """of pan and tilt of a pinhole camera [rad]"""
     edge: float = 0.2
     """by which outlines are found too far outside or inside [pixels]"""
 
@@ -130,6 +132,9 @@ def parameters_of(values: Values, prior: Prior, known_gains: bool = True) -> tup
     add(f"{camera}.centre.1", prior.shift, False)
     add(f"{camera}.pixel", prior.scale, True)
     add(f"{camera}.roll", prior.roll, False)
+    if description.cameras[camera.partition(".")[2]].distance is not None:
+        add(f"{camera}.pan", prior.aside, False)
+        add(f"{camera}.tilt", prior.aside, False)
     return tuple(found)
 
 
@@ -147,15 +152,30 @@ def complete(values: Values) -> Values:
         else table
         for name, table in values.get("links", {}).items()
     }
-    changed["cameras"] = {name: {"roll": "0 deg", **table} for name, table in values["cameras"].items()}
+    level, ahead = {"roll": "0 deg"}, {"pan": "0 deg", "tilt": "0 deg"}
+    changed["cameras"] = {
+        name: {**level, **(ahead if "distance" in table else {}), **table}
+        for name, table in values["cameras"].items()
+    }
     return {name: table for name, table in changed.items() if table != {}}
 
 
 def values_at(values: Values, parameters: Sequence[Parameter], x: Float[np.ndarray, " parameters"]) -> Values:
-    """The entries of a file with the parameters at x; zones on links stay at their shares of a link."""
+    """The entries of a file with the parameters at x.
+
+    Zones on links stay at their shares of a link. A pinhole keeps its focal length: its distance grows with
+    the size of a pixel at its centre.
+    """
     entries = {
         each.entry: f"{each.value(float(at))!r} {each.unit}" for each, at in zip(parameters, x, strict=True)
     }
+    for name, table in values["cameras"].items():
+        pixel = f"cameras.{name}.pixel"
+        if "distance" in table and pixel in entries:
+            distance, unit = split_quantity(table["distance"], "30 cm")
+            nominal, _ = split_quantity(table["pixel"], "1 mm")
+            farther = split_quantity(entries[pixel], "1 mm")[0] / nominal
+            entries[f"cameras.{name}.distance"] = f"{farther * distance!r} {unit}"
     changed = replaced(values, entries)
     return replaced(changed, moved_zones(describe(values), describe(changed)))
 

@@ -34,7 +34,7 @@ from exosight.system.file import Values, describe
 from exosight.system.system import System
 from exosight.system.units import FORCE, TORQUE, split_quantity
 
-ONE_PICTURE = Prior(gain=0.01, shift=0.0005, scale=0.003, roll=0.005)
+ONE_PICTURE = Prior(gain=0.01, shift=0.0005, scale=0.003, roll=0.005, aside=0.01)
 """Of the load's error, as a share of it, and of what the camera moves between pictures. Of bodies the
 intervals of the system file count instead."""
 BEYOND = 3.0
@@ -84,7 +84,7 @@ class Refiner:
         self._prior = prior
         own = _with_gains(complete(values))
         self.system: System = build(describe(values))
-        self._model = Model(own, tuple(_uncertain(own, prior)))
+        self._model = Model(own, tuple(uncertain(own, prior)))
         self._gains = [
             next(i for i, each in enumerate(self._model.parameters) if each.entry == f"actuators.{name}.gain")
             for name in describe(own).actuators
@@ -164,7 +164,7 @@ class Refiner:
         )
 
 
-def _uncertain(values: Values, prior: Prior) -> Iterator[Parameter]:
+def uncertain(values: Values, prior: Prior) -> Iterator[Parameter]:
     """Of what can be identified: bodies as their `vary` tables say, gains and camera as the prior does."""
     varied = {table["entry"]: table for table in values.get("vary", ())}
     for each in parameters_of(values, prior, known_gains=False):

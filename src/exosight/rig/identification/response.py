@@ -19,6 +19,7 @@ from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics import Equilibria, State, advance, initial_state
 from exosight.mechanics.sensitivity import SNAP, differentiable_unchecked
+from exosight.rig.identification.distances import view_of
 from exosight.rig.identification.parameters import Parameter, values_at
 from exosight.system.build import build
 from exosight.system.file import Values, describe
@@ -33,7 +34,7 @@ STEP = 1e-4
 
 
 class Numbers(NamedTuple):
-    """All numbers of a rig: its system, and x and z of the middle [m], metres per pixel, roll [rad]."""
+    """All numbers of a rig: its system, and its camera's, see `view_of`."""
 
     system: System
     view: Float[AnyArray, "..."]
@@ -74,9 +75,7 @@ class Model:
     def numbers(self, x: Float[np.ndarray, " parameters"]) -> Numbers:
         """Those at x, of the nominal system's structure; InputError where there is no system."""
         system = self.system(x)
-        camera = system.camera
-        view = np.array([*camera.centre, camera.metres_per_pixel, camera.roll])
-        return Numbers(replace(system, cameras=self.nominal.cameras), view)
+        return Numbers(replace(system, cameras=self.nominal.cameras), view_of(system.camera))
 
     def system(self, x: Float[np.ndarray, " parameters"]) -> System:
         """The system at x with its own camera; InputError where there is none."""
