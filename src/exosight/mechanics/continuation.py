@@ -224,22 +224,35 @@ def _settle(
     """
     arrived, at_load, lost = verdict.arrived, verdict.at_load, verdict.lost
     metric, before = problem.metric, state.anchor
+    descending, last = state.phase == DESCEND, verdict.q - point.q
+    here, load = point.here, segment.load(state.t)
+    by_load = here.load_energy + here.load_gradient @ last
+    unloaded = here.energy + here.gradient @ last - load @ by_load
+    first = (state.load == 0) & (state.steps == 0)  # the trial point is where it all begins
+    before = before._replace(
+        energy=jnp.where(first, unloaded, before.energy), by_load=jnp.where(first, by_load, before.by_load)
+    )
     point = point._replace(q=verdict.q)
-    descending = state.phase == DESCEND
     far = metric.size(point.q - state.anchor.q) > SNAPPED * metric.range(point.q)
     # Robots that have all their loads behind them go on beside the others, but nothing of it counts.
     meant = state.load < segment.total
     jumped = arrived & descending & state.snap & far & meant
     steps = state.steps + 1
     done = (at_load | lost) & meant
+    released = before.energy + load @ before.by_load - here.energy
+    spent = jnp.where(descending, released, taken)
+    gained = (segment.load(verdict.t) - segment.load(before.t)) @ jnp.where(
+        descending, before.by_load, 0.5 * (before.by_load + by_load)
+    )
     now = state._replace(
         steps=steps,
+        supplied=state.supplied + jnp.where(arrived, gained, 0.0),
+        dissipated=state.dissipated + jnp.where(arrived, spent, 0.0),
         snapped=state.snapped | jumped,
         tied=state.tied | (descending & point.converged & ~point.stable),
     )
     reached = jnp.where(at_load, segment.target, segment.load(state.anchor.t))
-    entry = entry_of(now, point, at_load, done, reached, jumped, segment.load(state.t), taken)
-    unloaded = point.here.energy - segment.load(state.t) @ point.here.load_energy
+    entry = entry_of(now, point, at_load, done, reached, jumped, load, released, taken)
     if state.memories:  # the steps are part of the result, and guesses would change these
         bend = twist = jnp.zeros_like(before.bend)
     else:
@@ -263,11 +276,13 @@ def _settle(
                 lambda new, old: jnp.where(arrived, new, old), state.memories, before.memories
             ),
             energy=jnp.where(arrived, unloaded, before.energy),
-            by_load=jnp.where(arrived, point.here.load_energy, before.by_load),
+            by_load=jnp.where(arrived, by_load, before.by_load),
         ),
         descent=moved,
         nudge=jnp.where(small, 8 * state.nudge, jnp.where(arrived, 1.0, state.nudge)),
         snapped=now.snapped & ~done,
         tied=now.tied & ~done,
+        supplied=jnp.where(done, 0.0, now.supplied),
+        dissipated=jnp.where(done, 0.0, now.dissipated),
     )
     return now, entry
