@@ -125,6 +125,22 @@ def test_the_fold_is_located_and_left_for_the_other_branch(
         assert snap.taken == 0
 
 
+def test_what_snaps_lose_is_what_the_loads_supply(truss: Robot, there_and_back: tuple, fold: float) -> None:
+    """Two snaps lose the energy between their branches; the rest of the path loses nothing."""
+    loads, found = there_and_back
+
+    def left(u: float, q: float) -> float:
+        other = brentq(lambda q: load_of(q) - u, *((0.1, 1.5) if u > 0 else (-1.5, -0.1)))
+        return energy(truss, q, u) - energy(truss, other, u)
+
+    at_fold = brentq(lambda q: (load_of(q + 1e-6) - load_of(q - 1e-6)), -0.3, -0.05)
+    both = left(fold, at_fold) + left(-fold, -at_fold)
+    assert found.dissipated[-1] == pytest.approx(both, rel=1e-6)  # as the fold's load
+    np.testing.assert_allclose(np.unique(np.round(found.dissipated / both, 6)), [0, 0.5, 1], atol=2e-6)
+    off = found.energy + found.dissipated - found.supplied
+    print(np.abs(off - off[0]).max() / both, both)
+
+
 @pytest.mark.parametrize("step", [0.02, 0.1, 0.7])
 def test_a_state_does_not_depend_on_the_steps_that_lead_to_it(truss: Robot, fold: float, step: float) -> None:
     """At common loads up and down again, to 1e-9; the pose is an angle of order one."""

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
@@ -48,7 +49,8 @@ def stepper(
     max_iterations: Int[AnyArray, ""],
 ) -> Callable[[ContinuationState], ContinuationState]:
     """The function that takes a robot one evaluation further; only the first `count` loads are meant."""
-    limits = Metric.of(robot), tolerance, max_iterations
+    working = np.array([float(channel not in robot.clocks) for channel in range(loads.shape[1])])
+    limits = Metric.of(robot), working, tolerance, max_iterations
 
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
@@ -181,9 +183,9 @@ def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entr
 
 
 def _problem(conservative: bool, limits: tuple) -> Problem:
-    metric, tolerance, max_iterations = limits
+    metric, working, tolerance, max_iterations = limits
     lower = metric._replace(factor=jnp.tril(metric.factor))  # what a program need not multiply
-    return Problem(lower, conservative, tolerance, max_iterations)
+    return Problem(lower, working, conservative, tolerance, max_iterations)
 
 
 def _flow(
@@ -241,9 +243,14 @@ def _settle(
     done = (at_load | lost) & meant
     released = before.energy + load @ before.by_load - here.energy
     spent = jnp.where(descending, released, taken)
-    gained = (segment.load(verdict.t) - segment.load(before.t)) @ jnp.where(
-        descending, before.by_load, 0.5 * (before.by_load + by_load)
+    work = segment.span * problem.working
+    response = point.response @ segment.span
+    gained = branch.integral(
+        jnp.where(at_load, 1.0, verdict.t) - before.t,
+        (work @ before.by_load, work @ by_load),
+        (work @ before.by_load_rate, work @ (here.load_gradient @ response)),
     )
+    gained = jnp.where(descending, (load - segment.load(before.t)) @ (problem.working * before.by_load), gained)
     now = state._replace(
         steps=steps,
         supplied=state.supplied + jnp.where(arrived, gained, 0.0),
@@ -256,7 +263,7 @@ def _settle(
     if state.memories:  # the steps are part of the result, and guesses would change these
         bend = twist = jnp.zeros_like(before.bend)
     else:
-        bend, twist = branch.curvature(metric, before, point.q, verdict.t, point.response @ segment.span)
+        bend, twist = branch.curvature(metric, before, point.q, verdict.t, response)
     scale = jnp.where(descending, 0.0, jnp.where(at_load, segment.ratio, 1.0))
     small = arrived & descending & state.snap & ~far
     now = now._replace(
@@ -277,6 +284,7 @@ def _settle(
             ),
             energy=jnp.where(arrived, unloaded, before.energy),
             by_load=jnp.where(arrived, by_load, before.by_load),
+            by_load_rate=jnp.where(arrived, here.load_gradient @ tangent, before.by_load_rate),
         ),
         descent=moved,
         nudge=jnp.where(small, 8 * state.nudge, jnp.where(arrived, 1.0, state.nudge)),
