@@ -124,8 +124,8 @@ def integral(
 ) -> Float[Array, ""]:
     """∫ f dt over a step h from f and df/dt at both ends, on the two straight pieces that these give.
 
-    Where a contact opens, closes or begins to slip within the step, f has a kink; of the trapezoidal rule that
-    is an error of second order in h. A smooth f leaves half of that rule's error, of third order.
+    Where a contact opens, closes or begins to slip within the step, f has a kink; of the trapezoidal rule
+    that is an error of second order in h. A smooth f leaves half of that rule's error, of third order.
     """
     bend = h * (rates[0] - rates[1])
     kink = (values[1] - values[0] - h * rates[1]) / jnp.where(bend != 0, bend, 1.0)

@@ -250,7 +250,9 @@ def _settle(
         (work @ before.by_load, work @ by_load),
         (work @ before.by_load_rate, work @ (here.load_gradient @ response)),
     )
-    gained = jnp.where(descending, (load - segment.load(before.t)) @ (problem.working * before.by_load), gained)
+    gained = jnp.where(
+        descending, (load - segment.load(before.t)) @ (problem.working * before.by_load), gained
+    )
     now = state._replace(
         steps=steps,
         supplied=state.supplied + jnp.where(arrived, gained, 0.0),

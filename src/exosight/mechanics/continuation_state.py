@@ -111,7 +111,9 @@ def begin(
         phase=whole + DESCEND,
         tries=whole,
         origin=zeros(channels) + origin,
-        anchor=Anchor(q, one, zeros(n), zeros(n), zeros(n), one, memories, one, zeros(channels), zeros(channels)),
+        anchor=Anchor(
+            q, one, zeros(n), zeros(n), zeros(n), one, memories, one, zeros(channels), zeros(channels)
+        ),
         beyond=Beyond(flag, zeros(n), one, zeros(n), one, whole),
         descent=Descent(q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, ~flag),
         q=q,
