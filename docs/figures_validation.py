@@ -186,26 +186,24 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
         "iterations": _iterations(lines["iterations"]),
         "balance": table_of(
             [
-                "step [N]",
+                "what dissipates, step [N]",
                 "work [mJ]",
-                "lost to friction [mJ]",
-                "in snaps [mJ]",
+                "lost in snaps [mJ]",
+                "otherwise [mJ]",
                 "snaps",
-                "largest difference, no snap",
-                "with snaps",
+                *(f"exosuit {i + 1}" for i in range(found["balance"]["shapes"])),
             ],
             [
                 [
-                    f"{line['step [N]']:g}",
+                    name,
                     *(
                         f"{line[key]:.4f}"
-                        for key in ("work [mJ]", "lost to friction [mJ]", "lost in snaps [mJ]")
+                        for key in ("work [mJ]", "lost in snaps [mJ]", "lost otherwise [mJ]")
                     ),
                     str(line["snaps"]),
-                    _power(line["largest difference there, relative"]),
-                    _power(line["largest difference on paths with snaps, relative"]),
+                    *map(_power, line["difference of each path, relative"]),
                 ]
-                for line in found["balance"]["steps"]
+                for name, line in _balances(found["balance"])
             ],
         ),
         **{
@@ -214,6 +212,13 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
             for part, text in _compared(found[name]).items()
         },
     }
+
+
+def _balances(found: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    """Rows by name: friction in several steps, then the other kinds."""
+    kinds = {"creep": found["kinds"]["creep"], "friction and creep": found["kinds"]["both"]}
+    rows = [("friction", line) for line in found["steps"]] + list(kinds.items())
+    return [(f"{name}, {line['step [N]']:g}", line) for name, line in rows]
 
 
 def _compared(found: dict[str, Any]) -> dict[str, str]:

@@ -108,10 +108,18 @@ def test_what_the_page_concludes_of_rods_in_contact_is_what_was_measured(found: 
 
 
 def test_the_balance_of_energy_closes_with_the_square_of_the_step(found: dict[str, Any]) -> None:
-    """A quarter of the order's factor is left to how many points begin to touch and to slip where."""
+    """A quarter of the order's factor is left to how many points begin to touch and to slip where.
+
+    One exosuit sticks and slips at every turn of its path: there the last steps gain little.
+    """
     coarse, *_, fine = found["balance"]["steps"]
     square = (coarse["step [N]"] / fine["step [N]"]) ** 2
     calm, snapping = "largest difference there, relative", "largest difference on paths with snaps, relative"
     assert fine[calm] < min(1e-6, 4 * coarse[calm] / square)
-    assert fine[snapping] < 3e-5
-    assert min(line["least lost to friction in a step [mJ]"] for line in found["balance"]["steps"]) >= 0
+    assert fine[snapping] < 3e-6
+    assert np.median(fine["difference of each path, relative"]) < 1e-7
+    kinds = found["balance"]["kinds"].values()
+    assert max(line[calm] for line in kinds) < 1e-6
+    assert max(line[snapping] for line in kinds) < 1e-5
+    for line in [*found["balance"]["steps"], *kinds]:
+        assert line["least lost in a step [mJ]"] > -1e-12  # round-off of millijoules

@@ -1,7 +1,8 @@
 """The balance of energy on closed paths: work of the loads = stored + lost, with friction, creep and both.
 
 Work is taken from loads and places alone, by the trapezoidal rule: exact on straight pieces, between loads
-that include those at which the path bends; on smooth ones its error falls with the step's square.
+that include those at which the path bends; on smooth ones its error falls with the step's square. What the
+driver counts by itself is compared with that, and with closed forms.
 """
 
 import jax
@@ -72,6 +73,12 @@ def creeping() -> Robot:
     return on_a_plane(bar, creeps=True)
 
 
+def counted(found: Equilibria) -> np.ndarray:
+    """Π + dissipated − supplied at each load since the first [J]: nothing, where the balance holds."""
+    off = (found.energy + found.dissipated - found.supplied)[0]
+    return off - off[0]
+
+
 def lost(robot: Robot, found: Equilibria) -> np.ndarray:
     """What all terms have lost at each load [J]."""
     memories = tuple(jnp.asarray(memory[0]) for memory in found.history)
@@ -106,6 +113,21 @@ def test_friction_takes_the_work_of_a_closed_path(sprung: Robot) -> None:
     cycle = work[10] - work[6]
     assert spent[10] - spent[6] == pytest.approx(cycle, rel=1e-8)
     assert cycle > 0.01
+
+
+def test_the_driver_finds_where_the_block_begins_to_slip(sprung: Robot) -> None:
+    """Between loads that do not include it: loss in closed form, and the balance, to the solver's tolerance.
+
+    The first load after each turn is one at which the block sticks, or the step would hold two bends.
+    """
+    normal = PRESS / (1 + 1 / (2 * STIFFNESS))
+    grip = 2 * (2 / 3) * STIFFNESS
+    pulls = [0.0, 0.5, 0.49, -0.5, -0.49, 0.5, 0.49, -0.5]
+    found = drive([sprung], np.array([[pull, PRESS, 0.0] for pull in pulls]))
+    slip = 2 * (0.5 - MU * normal) / 10.0 - 2 * MU * normal / grip  # what the block moves, less what shears
+    assert slip > 0
+    np.testing.assert_allclose(np.diff(found.dissipated[0, 1::2]), MU * normal * slip, rtol=1e-8)
+    np.testing.assert_allclose(counted(found), 0.0, atol=1e-8 * found.dissipated[0, -1])
 
 
 def test_friction_and_creep_take_the_work_of_a_closed_path(creeping: Robot) -> None:

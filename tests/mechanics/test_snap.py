@@ -125,6 +125,34 @@ def test_the_fold_is_located_and_left_for_the_other_branch(
         assert snap.taken == 0
 
 
+def test_what_snaps_lose_is_what_the_loads_supply(truss: Robot, there_and_back: tuple, fold: float) -> None:
+    """Two snaps lose the energy between their branches; the rest of the path loses nothing."""
+    _, found = there_and_back
+
+    def left(u: float, q: float) -> float:
+        other = brentq(lambda q: load_of(q) - u, *((0.1, 1.5) if u > 0 else (-1.5, -0.1)))
+        return energy(truss, q, u) - energy(truss, other, u)
+
+    at_fold = brentq(lambda q: load_of(q + 1e-6) - load_of(q - 1e-6), -0.3, -0.05)
+    both = left(fold, at_fold) + left(-fold, -at_fold)
+    assert found.dissipated[-1] == pytest.approx(both, rel=1e-6)  # as the fold's load
+    np.testing.assert_allclose(np.unique(np.round(found.dissipated / both, 6)), [0, 0.5, 1], atol=2e-6)
+    steps = 2.1 * fold * np.linspace(0, 1, 101)
+    fine = drive(
+        [truss],
+        np.concatenate([steps, steps[-2::-1], -steps[1:]])[:, None],
+        state=State(start(truss), np.zeros((1, 1))),
+    )
+
+    def off(found: Equilibria) -> float:
+        defect = found.energy + found.dissipated - found.supplied
+        return float(np.abs(defect - defect[..., :1]).max() / both)
+
+    # Close to a fold the load is a parabola of the pose, which the driver's steps along the branch resolve.
+    assert off(fine) < 5e-5
+    assert off(fine) < off(found) / 6  # a fifth of the step
+
+
 @pytest.mark.parametrize("step", [0.02, 0.1, 0.7])
 def test_a_state_does_not_depend_on_the_steps_that_lead_to_it(truss: Robot, fold: float, step: float) -> None:
     """At common loads up and down again, to 1e-9; the pose is an angle of order one."""

@@ -41,9 +41,14 @@ STIFFENING = 1e3
 
 
 class Problem(NamedTuple):
-    """What stays the same on the whole path; `conservative`: Π exists."""
+    """What stays the same on the whole path.
+
+    working        (channels,)   1, or 0 for what is no load but the time
+    conservative                 Π exists
+    """
 
     metric: Metric
+    working: Float[AnyArray, " channels"]
     conservative: bool
     tolerance: Float[AnyArray, ""]
     max_iterations: Int[AnyArray, ""]

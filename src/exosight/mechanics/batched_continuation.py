@@ -78,6 +78,8 @@ class Solutions(NamedTuple):
     snapped: Bool[np.ndarray, "robots loads"]
     tied: Bool[np.ndarray, "robots loads"]
     energy: Float[np.ndarray, "robots loads"]
+    supplied: Float[np.ndarray, "robots loads"]
+    dissipated: Float[np.ndarray, "robots loads"]
     iterations: Int[np.ndarray, "robots loads"]
     history: tuple[Float[np.ndarray, "robots loads ..."], ...]
     snaps: list[list[Snap]]
@@ -251,6 +253,8 @@ def _nothing(problems: Problems) -> Solutions:
         snapped=flags(),
         tied=flags(),
         energy=numbers(),
+        supplied=numbers(),
+        dissipated=numbers(),
         iterations=np.zeros(shape, int),
         history=tuple(np.zeros((*shape, *memory.shape[1:])) for memory in problems.history),
         snaps=[[] for _ in range(shape[0])],
@@ -264,6 +268,10 @@ def _keep(
     count = part.stop - part.start
     for name in ("q", "load", "residual", "snapped", "tied", "energy", "iterations"):
         getattr(found, name)[number, part] = getattr(records, name)[lane, :count]
+    for name in ("supplied", "dissipated"):
+        of_robot = getattr(found, name)[number]
+        before = of_robot[part.start - 1] if part.start else 0.0
+        of_robot[part] = before + np.cumsum(getattr(records, name)[lane, :count])
     for into, remembered in zip(found.history, records.memories, strict=True):
         into[number, part] = remembered[lane, :count]
     whitener = np.linalg.inv(np.linalg.cholesky(metric))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.kinematics import Motion, at_points, spread
@@ -64,6 +64,24 @@ class Spheres(eqx.Module):
             own[body].start + frame if 0 <= frame < counts[body] else tree.frame(body, frame)
             for body, frame in self.frames
         )
+
+
+def fraction_to_contact(
+    overlap: Float[Array, "..."],
+    distance: Float[Array, "..."],
+    closing: Float[Array, "..."],
+    is_open: Bool[Array, "..."],
+) -> Float[Array, ""]:
+    """Fraction of a step to slightly beyond where the first of some open pairs touches; else infinite.
+
+    overlap    [m]; negative: gap
+    distance   what the pair's overlap is small against [m]
+    closing    how much nearer the pair comes in the whole step [m]
+    """
+    ahead = is_open & (closing > 0)
+    # 0.3 % of the distance, some 30 µm on a finger: enough for a contact force, too small to be rejected.
+    fraction = (0.003 * distance - overlap) / jnp.where(ahead, closing, 1.0)
+    return jnp.min(jnp.where(ahead, fraction, jnp.inf))
 
 
 class SphereContact(Term):
@@ -132,10 +150,7 @@ class SphereContact(Term):
         moved = twist[:, 3:] + jnp.cross(twist[:, :3], motion.position)
         a, b = jnp.array(self.first.index(tree)), jnp.array(self.second.index(tree))
         closing = -_dot(normal, moved[a][:, None] - moved[b][None])
-        ahead = (overlap < 0) & (closing > 0)
-        # 0.3 % of the distance, some 30 µm on a finger: enough for a contact force, too small to be rejected.
-        fraction = (0.003 * distance - overlap) / jnp.where(ahead, closing, 1.0)
-        return jnp.min(jnp.where(ahead, fraction, jnp.inf))
+        return fraction_to_contact(overlap, distance, closing, overlap < 0)
 
     def bind(self, tree: Tree) -> Bound:
         """Frame indices, and the coordinates that move either side, are bound once."""

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
@@ -48,7 +49,8 @@ def stepper(
     max_iterations: Int[AnyArray, ""],
 ) -> Callable[[ContinuationState], ContinuationState]:
     """The function that takes a robot one evaluation further; only the first `count` loads are meant."""
-    limits = Metric.of(robot), tolerance, max_iterations
+    working = np.array([float(channel not in robot.clocks) for channel in range(loads.shape[1])])
+    limits = Metric.of(robot), working, tolerance, max_iterations
 
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
@@ -181,9 +183,9 @@ def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entr
 
 
 def _problem(conservative: bool, limits: tuple) -> Problem:
-    metric, tolerance, max_iterations = limits
+    metric, working, tolerance, max_iterations = limits
     lower = metric._replace(factor=jnp.tril(metric.factor))  # what a program need not multiply
-    return Problem(lower, conservative, tolerance, max_iterations)
+    return Problem(lower, working, conservative, tolerance, max_iterations)
 
 
 def _flow(
@@ -224,26 +226,46 @@ def _settle(
     """
     arrived, at_load, lost = verdict.arrived, verdict.at_load, verdict.lost
     metric, before = problem.metric, state.anchor
+    descending, last = state.phase == DESCEND, verdict.q - point.q
+    here, load = point.here, segment.load(state.t)
+    by_load = here.load_energy + here.load_gradient @ last
+    unloaded = here.energy + here.gradient @ last - load @ by_load
+    first = (state.load == 0) & (state.steps == 0)  # the trial point is where it all begins
+    before = before._replace(
+        energy=jnp.where(first, unloaded, before.energy), by_load=jnp.where(first, by_load, before.by_load)
+    )
     point = point._replace(q=verdict.q)
-    descending = state.phase == DESCEND
     far = metric.size(point.q - state.anchor.q) > SNAPPED * metric.range(point.q)
     # Robots that have all their loads behind them go on beside the others, but nothing of it counts.
     meant = state.load < segment.total
     jumped = arrived & descending & state.snap & far & meant
     steps = state.steps + 1
     done = (at_load | lost) & meant
+    released = before.energy + load @ before.by_load - here.energy
+    spent = jnp.where(descending, released, taken)
+    work = segment.span * problem.working
+    response = point.response @ segment.span
+    gained = branch.integral(
+        jnp.where(at_load, 1.0, verdict.t) - before.t,
+        (work @ before.by_load, work @ by_load),
+        (work @ before.by_load_rate, work @ (here.load_gradient @ response)),
+    )
+    gained = jnp.where(
+        descending, (load - segment.load(before.t)) @ (problem.working * before.by_load), gained
+    )
     now = state._replace(
         steps=steps,
+        supplied=state.supplied + jnp.where(arrived, gained, 0.0),
+        dissipated=state.dissipated + jnp.where(arrived, spent, 0.0),
         snapped=state.snapped | jumped,
         tied=state.tied | (descending & point.converged & ~point.stable),
     )
     reached = jnp.where(at_load, segment.target, segment.load(state.anchor.t))
-    entry = entry_of(now, point, at_load, done, reached, jumped, segment.load(state.t), taken)
-    unloaded = point.here.energy - segment.load(state.t) @ point.here.load_energy
+    entry = entry_of(now, point, at_load, done, reached, jumped, load, released, taken)
     if state.memories:  # the steps are part of the result, and guesses would change these
         bend = twist = jnp.zeros_like(before.bend)
     else:
-        bend, twist = branch.curvature(metric, before, point.q, verdict.t, point.response @ segment.span)
+        bend, twist = branch.curvature(metric, before, point.q, verdict.t, response)
     scale = jnp.where(descending, 0.0, jnp.where(at_load, segment.ratio, 1.0))
     small = arrived & descending & state.snap & ~far
     now = now._replace(
@@ -263,11 +285,14 @@ def _settle(
                 lambda new, old: jnp.where(arrived, new, old), state.memories, before.memories
             ),
             energy=jnp.where(arrived, unloaded, before.energy),
-            by_load=jnp.where(arrived, point.here.load_energy, before.by_load),
+            by_load=jnp.where(arrived, by_load, before.by_load),
+            by_load_rate=jnp.where(arrived, here.load_gradient @ tangent, before.by_load_rate),
         ),
         descent=moved,
         nudge=jnp.where(small, 8 * state.nudge, jnp.where(arrived, 1.0, state.nudge)),
         snapped=now.snapped & ~done,
         tied=now.tied & ~done,
+        supplied=jnp.where(done, 0.0, now.supplied),
+        dissipated=jnp.where(done, 0.0, now.dissipated),
     )
     return now, entry

@@ -31,15 +31,19 @@ def entry_of(
     reached: AnyArray,
     jumped: AnyArray,
     snap_load: AnyArray,
+    released: AnyArray,
     taken: AnyArray,
 ) -> Entry:
     """What to record where the load is `done`, and of a snap at `snap_load` if the pose has `jumped`.
 
-    taken   what terms with a memory have dissipated since the anchor [J]
+    released  Π at `snap_load` of the anchor, less that of the point [J]
+    taken     what terms with a memory have dissipated since the anchor [J]
     """
     of_load = {
         "q": jnp.where(at_load, point.q, state.anchor.q),
         "energy": point.here.energy,
+        "supplied": state.supplied,
+        "dissipated": state.dissipated,
         "residual": point.residual,
         "iterations": state.steps,
         "converged": at_load,
@@ -55,7 +59,7 @@ def entry_of(
         "snap_load": snap_load,
         "before": state.anchor.q,
         "after": point.q,
-        "released": state.anchor.energy + snap_load @ state.anchor.by_load - point.here.energy,
+        "released": released,
         "taken": taken,
     }
     return Entry(jnp.asarray(state.load), jnp.asarray(state.snaps), done, jumped, of_load, of_snap)

@@ -22,6 +22,7 @@ class Records(NamedTuple):
     """What was found at each load, and at each snap.
 
     memories      what the terms of the robot remember there
+    supplied      what changing loads gave on the way there [J], and what was dissipated
     snap_step     the load on the way to which it snapped
     snap_load     the load of the snap; `before` and `after` the poses there, the energy set free, and what
                   terms with a memory took of it [J]
@@ -30,6 +31,8 @@ class Records(NamedTuple):
     q: Float[AnyArray, "loads dofs"]
     hessian: Float[AnyArray, "loads dofs dofs"]
     energy: Float[AnyArray, " loads"]
+    supplied: Float[AnyArray, " loads"]
+    dissipated: Float[AnyArray, " loads"]
     residual: Float[AnyArray, " loads"]
     iterations: Int[AnyArray, " loads"]
     converged: Bool[AnyArray, " loads"]
@@ -60,6 +63,7 @@ class ContinuationState(NamedTuple):
     snap           the present descent is from the end of a branch
     nudge          how far past the end of the branch the next descent is to begin, in units of what counts
     snapped, tied  since the last load
+    supplied       since the last load: ∫ ∂Π/∂u · du, and what terms with a memory and descents took [J]
     """
 
     load: Int[AnyArray, ""]
@@ -81,6 +85,8 @@ class ContinuationState(NamedTuple):
     nudge: Float[AnyArray, ""]
     snapped: Bool[AnyArray, ""]
     tied: Bool[AnyArray, ""]
+    supplied: Float[AnyArray, ""]
+    dissipated: Float[AnyArray, ""]
     records: Records
 
 
@@ -105,7 +111,9 @@ def begin(
         phase=whole + DESCEND,
         tries=whole,
         origin=zeros(channels) + origin,
-        anchor=Anchor(q, one, zeros(n), zeros(n), zeros(n), one, memories, one, zeros(channels)),
+        anchor=Anchor(
+            q, one, zeros(n), zeros(n), zeros(n), one, memories, one, zeros(channels), zeros(channels)
+        ),
         beyond=Beyond(flag, zeros(n), one, zeros(n), one, whole),
         descent=Descent(q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, ~flag),
         q=q,
@@ -118,10 +126,14 @@ def begin(
         nudge=one + 1,
         snapped=flag,
         tied=flag,
+        supplied=one,
+        dissipated=one,
         records=Records(
             q=zeros((room, n)),
             hessian=zeros((room, n, n)),
             energy=zeros(room),
+            supplied=zeros(room),
+            dissipated=zeros(room),
             residual=zeros(room),
             iterations=zeros(room, int),
             converged=zeros(room, bool),

@@ -49,6 +49,8 @@ class Equilibria(eqx.Module):
     tied            (loads,)        a descent on the way came to rest at a saddle: which side it left to is a
                                     matter of round-off
     energy          (loads,)        Π [J]
+    supplied        (loads,)        what changing loads gave since the start of the path, ∫ ∂Π/∂u · du [J]
+    dissipated      (loads,)        what friction, relaxation and snaps took since then [J]
     iterations      (loads,)        evaluations of the energy on the way from the load before
     history         (loads, ...)    what each term with a memory remembers there, see `TermWithMemory`
     """
@@ -60,6 +62,8 @@ class Equilibria(eqx.Module):
     snapped: Bool[AnyArray, "*batch loads"]
     tied: Bool[AnyArray, "*batch loads"]
     energy: Float[AnyArray, "*batch loads"]
+    supplied: Float[AnyArray, "*batch loads"]
+    dissipated: Float[AnyArray, "*batch loads"]
     iterations: Int[AnyArray, "*batch loads"]
     history: Memories = ()
 

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float, Int
 from exosight import lie
 from exosight.arrays import AnyArray
 from exosight.mechanics.cones import SPREAD, Cones, between, dot, slide, smooth_pair
-from exosight.mechanics.contact import Pressing
+from exosight.mechanics.contact import Pressing, fraction_to_contact
 from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.surfaces import Plane, Solids
 from exosight.mechanics.term import (
@@ -124,9 +124,8 @@ class RigidContact(Term):
         on_first, on_second = self._sides(tree, at)
         relative = on_first @ twist[self.first.index(tree)] - on_second @ twist[self.second.index(tree)]
         closing = -dot(at.normal, relative[:, 3:] + jnp.cross(relative[:, :3], at.centre[:, 0]))
-        ahead = (at.overlap <= 0) & (closing > 0)  # links often just touch at first
-        fraction = (0.003 * at.distance - at.overlap) / jnp.where(ahead, closing, 1.0)
-        return jnp.min(jnp.where(ahead, fraction, jnp.inf))
+        just_touching_too = at.overlap <= 0  # as links often do at first
+        return fraction_to_contact(at.overlap, at.distance, closing, just_touching_too)
 
     def bind(self, tree: Tree) -> Bound:
         """As in `SolidContact`: the energy depends on the motion of the first side against the second."""

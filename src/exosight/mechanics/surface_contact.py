@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float
 
 from exosight import lie
 from exosight.arrays import AnyArray
-from exosight.mechanics.contact import Pressing
+from exosight.mechanics.contact import Pressing, fraction_to_contact
 from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.surfaces import NOWHERE, Plane, Samples, Solids, Tube
 from exosight.mechanics.term import (
@@ -228,10 +228,7 @@ class SolidContact(Term):
         nearest = at.touches[0]
         moved = _moved(samples, levers, twist[a]) - _carried(nearest, levers, twist[b])
         closing = -jnp.sum(nearest.normal * moved[..., 0], axis=1)
-        ahead = (at.overlap < 0) & (closing > 0)
-        # As in contact of spheres: enough for a contact force, too small to be rejected.
-        fraction = (0.003 * nearest.distance - at.overlap) / jnp.where(ahead, closing, 1.0)
-        return jnp.min(jnp.where(ahead, fraction, jnp.inf))
+        return fraction_to_contact(at.overlap, nearest.distance, closing, at.overlap < 0)
 
     def bind(self, tree: Tree) -> Bound:
         """The energy depends on the motion of each sample against its solids.

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from exosight import lie
 from exosight.arrays import AnyArray
-from exosight.mechanics.contact import Pressing
+from exosight.mechanics.contact import Pressing, fraction_to_contact
 from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.rod import Rod
 from exosight.mechanics.surfaces import NOWHERE, Tube, hermite, slopes
@@ -165,9 +165,7 @@ class TubeContact(Term):
             weights[..., None] * velocity[..., 3:] + jnp.cross(velocity[..., :3], levers), axis=1
         )
         closing = -jnp.sum(at.normal * moved, axis=1)
-        ahead = at.exists & (at.overlap < 0) & (closing > 0)
-        fraction = (0.003 * at.distance - at.overlap) / jnp.where(ahead, closing, 1.0)
-        return jnp.min(jnp.where(ahead, fraction, jnp.inf))
+        return fraction_to_contact(at.overlap, at.distance, closing, at.exists & (at.overlap < 0))
 
     def bind(self, tree: Tree) -> Bound:
         """Wrenches on the point and on both nodes of its piece, and the second derivative by coordinates."""

@@ -210,7 +210,8 @@ def _reduced(equation: Any, x: Values) -> Values:
     """The values to be reduced, (results, each)."""
     axes = equation.params["axes"]
     kept = [i for i in range(x.ndim) if i not in axes]
-    return x.transpose(*kept, *axes).reshape(int(np.prod([x.shape[i] for i in kept])), -1)
+    sizes = (int(np.prod([x.shape[i] for i in some])) for some in (kept, axes))
+    return x.transpose(*kept, *axes).reshape(*sizes)
 
 
 def _sum(graph: Graph, equation: Any, x: Values) -> list[Values]:
