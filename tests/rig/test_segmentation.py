@@ -64,7 +64,7 @@ def test_bodies_before_a_known_scene_are_found(shadow: float) -> None:
     assert min(overlaps(found, mask)) > (0.91 if shadow else 0.95)
     assert found.scores.min() > 0.9
     outline = outline_of_mask(found.mask, 2)
-    # The outlines that identification takes: beside those of the true mask, from which pixels are 1 or 2 away.
+    # The outlines that identification takes, beside those of the true mask: pixels are 1 or 2 away.
     edge = ndimage.distance_transform_edt(mask == 1) + ndimage.distance_transform_edt(mask != 1)
     columns, rows = outline.points[outline.inside == 0].astype(int).T
     assert np.median(edge[rows, columns]) <= 2
