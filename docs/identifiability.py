@@ -30,7 +30,7 @@ from exosight.exosuit.published import system_of
 from exosight.exosuit.shapes import radius, radius_slope
 from exosight.mechanics import differentiable, drive, walk
 from exosight.mechanics.sensitivity import SNAP
-from exosight.mechanics.surface_contact import SolidContact
+from exosight.mechanics.surface_contact import SolidContact, contacts
 from exosight.mechanics.term import Memories
 from exosight.system.observation import observe_state
 from exosight.system.system import System
@@ -253,11 +253,12 @@ def _lower_edge(
     if not isinstance(press, SolidContact):
         return free, across
     motion = walk(robot, q)
-    nearest, own = press.contacts(robot, motion.pose).touches[0], press.first.radius
+    centres, own = motion.position[press.first.frames(robot)], press.first.radius
+    nearest = contacts(press.second, motion.pose[press.second.index(robot)], centres, own).touches[0]
     # Spheres of radii r₁, r₂ with centres D apart meet at (D² + r₁² − r₂²)/2D from the first centre.
     other = nearest.distance + nearest.overlap - own
     deep = (nearest.distance**2 + own**2 - other**2) / (2 * nearest.distance)
-    shared = motion.position[press.first.frames(robot)] - deep[:, None] * nearest.normal
+    shared = centres - deep[:, None] * nearest.normal
     touching = nearest.overlap[:, None] > 0
     normal = jax.lax.stop_gradient(nearest.normal)
     return jnp.where(touching, shared[:, ::2], free), jnp.where(touching, normal[:, ::2], across)
