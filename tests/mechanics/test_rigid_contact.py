@@ -49,7 +49,10 @@ def test_the_closest_pair_is_the_closest(cones: tuple[Cones, Cones]) -> None:
             return 1e3 * _gap(cones, i, z)
 
         options = {"ftol": 1e-16, "gtol": 1e-9}
-        return minimize(scaled, [0.5, 0.5], bounds=[(0, 1)] * 2, method="L-BFGS-B", options=options).fun
+        # From the middle alone it stops 1 mm too early for one pair, on some processors.
+        starts = ([0.5, 0.5], [0.0, 0.0], [1.0, 1.0])
+        bounds = [(0, 1)] * 2
+        return min(minimize(scaled, x, bounds=bounds, method="L-BFGS-B", options=options).fun for x in starts)
 
     theirs = 1e-3 * np.array([least(i) for i in range(COUNT)])
     assert (np.array(ours) <= theirs + 1e-16).all()

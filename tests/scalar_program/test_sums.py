@@ -55,9 +55,7 @@ def test_a_sum_of_another_one_is_not_made_with_it() -> None:
 def test_sums_without_a_factor_in_common_are_made_alone() -> None:
     graph = Graph()
     a, b, c, d = (list(graph.inputs(3)) for _ in range(4))
-    first = dot(graph, a, b)
+    first, second = dot(graph, a, b), dot(graph, a, d)
     dot(graph, [*a[:2], c[0]], c)  # no factor in common in the last term
-    assert not shared(graph)
-    third = dot(graph, a, d)
-    assert shared(graph)[first].sums == [first, third]
-    assert not shared(graph, apart=(third,))
+    assert [group.sums for group in shared(graph).values()] == [[first, second]]
+    assert not shared(graph, apart=(second,))

@@ -45,8 +45,8 @@ def segment(
     in one piece, times that of its border on which the picture has an edge. Look at masks with low ones.
 
     Examples:
-      exosight segment photos --empty empty.png --colours 225,160,130 40,60,150 --out masks
-      exosight segment photos --empty empty.png --system my.toml --out masks --plot masks.png
+      exosight segment photos --colours 225,160,130 40,60,150 --out masks
+      exosight segment photos --empty empty.png --system my.toml --out masks
 
     Args:
         pictures: a picture, or a folder of them
