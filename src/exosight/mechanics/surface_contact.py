@@ -32,6 +32,7 @@ from exosight.mechanics.term import (
     Expansion,
     Term,
     on_frames,
+    point_stiffness,
     point_wrench,
     where_each,
     zero,
@@ -173,10 +174,6 @@ class SolidContact(Term):
         """The force on each sample, all solids together [N]."""
         return self.stiffness * self.first.samples(tree).length * jnp.maximum(at.overlap, 0.0)
 
-    def pushes(self, tree: Tree, pose: Float[Array, "frames 4 4"]) -> Float[AnyArray, " samples"]:
-        """The same at poses of all frames."""
-        return self.pressure(tree, self.contacts(tree, pose))
-
     def point_frames(self, tree: Tree) -> np.ndarray:
         """The frames of the rod's points."""
         return self.first.frames(tree)
@@ -209,6 +206,14 @@ class SolidContact(Term):
             samples.lumping @ touching,
         )
 
+    def spread_on_samples(
+        self, tree: Tree, at: Contacts, force: Float[AnyArray, "points 3"]
+    ) -> Float[Array, "samples 3"]:
+        """Forces on the rod's points, where the normal force acts that each of them stands for."""
+        part = self.first.samples(tree).lumping * self.pressure(tree, at)
+        whole = jnp.sum(part, axis=1, keepdims=True)
+        return jnp.where(whole > 0, part / jnp.where(whole > 0, whole, 1.0), 0.0).T @ force
+
     def energy(self, tree: Tree, at: Configuration, loads: Float[Array, " loads"]) -> Float[Array, ""]:
         """∫ ½ k max(d, 0)² ds."""
         count = len(self.first.frames(tree))
@@ -221,7 +226,7 @@ class SolidContact(Term):
         twist, levers = motion.twist(step)[:, :, None], samples.levers(motion.pose[a])
         at = self._overlaps(samples, motion.pose[a], motion.pose[b])
         nearest = at.touches[0]
-        moved = samples.moved(levers, twist[a]) - _carried(nearest, levers, twist[b])
+        moved = _moved(samples, levers, twist[a]) - _carried(nearest, levers, twist[b])
         closing = -jnp.sum(nearest.normal * moved[..., 0], axis=1)
         return fraction_to_contact(at.overlap, nearest.distance, closing, at.overlap < 0)
 
@@ -292,10 +297,10 @@ class SolidContact(Term):
             still = jnp.sum(where_each(pressed, k[:, own, own]), axis=0)
             stiffness = jnp.zeros((tree.frames, 6, 6))
             on_start = k[:, start, start] + tie + jnp.swapaxes(tie, 1, 2)
-            on_ends = (a[:-1], on_start), (a[1:], k[:, end, end])
-            for pulls, (frames, on_end) in zip(samples.on_points(levers, whole), on_ends, strict=True):
-                pulled = samples.of_piece @ where_each(touches, pulls)
-                wrench += on_frames(pulled, frames, tree.frames)
+            for i, (frames, on_end) in enumerate(((a[:-1], on_start), (a[1:], k[:, end, end]))):
+                lever, share = levers[:, i], samples.share[:, i, None]
+                pulls = where_each(touches, jnp.concatenate([jnp.cross(lever, whole), share * whole], axis=1))
+                wrench += on_frames(samples.of_piece @ pulls, frames, tree.frames)
                 stiffness += on_frames(where_each(pressed, on_end), frames, tree.frames)
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(push * jnp.maximum(at.overlap, 0.0)),
@@ -314,6 +319,15 @@ class SolidContact(Term):
         return contacts(self.second, solids, place, samples.radius)
 
 
+def _moved(
+    samples: Samples, levers: Float[Array, "samples 2 3"], points: Float[Array, "points 6 some"]
+) -> Float[Array, "samples 3 some"]:
+    """How samples move, from twists of the rod's points."""
+    ends = points[np.stack([samples.piece, samples.piece + 1], axis=1)]
+    turning = lie.hat(levers) @ ends[..., :3, :]
+    return jnp.sum(samples.share[..., None, None] * ends[..., 3:, :] - turning, axis=1)
+
+
 def _carried(
     touch: Touch, levers: Float[Array, "samples 2 3"], solids: Float[Array, "frames 6 some"]
 ) -> Float[Array, "samples 3 some"]:
@@ -329,7 +343,7 @@ def _rows(
     solids: Float[Array, "frames 6 dofs"],
 ) -> Float[Array, "samples dofs"]:
     """By how much the overlap of each sample falls, by coordinates."""
-    moved = samples.moved(levers, points)
+    moved = _moved(samples, levers, points)
     return sum(
         jnp.einsum("pi,pia->pa", share[:, None] * touch.normal, moved - _carried(touch, levers, solids))
         for share, touch in zip(at.share, at.touches, strict=True)
@@ -355,7 +369,9 @@ def _turning(
     relative   how samples move in the solid
     turned     force × ω of the solid, by its coordinates
     """
-    first, second = samples.stiffness(levers, force)
+    factors = np.ones((len(samples.share), 2, 6, 6))
+    factors[..., 3:, :3] = factors[..., :3, 3:] = samples.share[..., None, None]
+    first, second = (point_stiffness(levers[:, i], force) * factors[:, i] for i in range(2))
     none = jnp.zeros_like(first)
     coupled = -jnp.einsum("pia,pib->pab", relative, turned)
     across, own = coupled[:, :12], 0.5 * (coupled[:, 12:] + jnp.swapaxes(coupled[:, 12:], 1, 2))

@@ -13,11 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from exosight import lie
 from exosight.arrays import AnyArray
 from exosight.mechanics.quadrature import Gauss
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.term import point_stiffness
 from exosight.mechanics.tree import Tree
 
 TIP = 0.5
@@ -71,47 +69,6 @@ class Samples(NamedTuple):
         """share p + along d of both points, whose sum is the place itself, in the world [m]."""
         ends = pose[np.stack([self.piece, self.piece + 1], axis=1)]
         return self.share[..., None] * ends[..., :3, 3] + self.along[..., None] * ends[..., :3, 0]
-
-    def moved(
-        self, levers: Float[Array, "samples 2 3"], points: Float[Array, "points 6 some"]
-    ) -> Float[Array, "samples 3 some"]:
-        """How the places move, from twists of the rod's points."""
-        ends = points[np.stack([self.piece, self.piece + 1], axis=1)]
-        turning = lie.hat(levers) @ ends[..., :3, :]
-        return jnp.sum(self.share[..., None, None] * ends[..., 3:, :] - turning, axis=1)
-
-    def on_points(
-        self, levers: Float[Array, "samples 2 3"], force: Float[Array, "samples 3"]
-    ) -> tuple[Float[Array, "samples 6"], Float[Array, "samples 6"]]:
-        """Spatial wrenches on both points of forces at the places [N m; N]."""
-        first, second = (
-            jnp.concatenate([jnp.cross(levers[:, i], force), self.share[:, i, None] * force], axis=1)
-            for i in range(2)
-        )
-        return first, second
-
-    def stiffness(
-        self, levers: Float[Array, "samples 2 3"], force: Float[Array, "samples 3"]
-    ) -> tuple[Float[Array, "samples 6 6"], Float[Array, "samples 6 6"]]:
-        """Second derivatives of constant forces' work by twists of the first and of the second point.
-
-        A place is a sum of what moves with either, so nothing couples them.
-        """
-        factors = np.ones((len(self.share), 2, 6, 6))
-        factors[..., 3:, :3] = factors[..., :3, 3:] = self.share[..., None, None]
-        first, second = (point_stiffness(levers[:, i], force) * factors[:, i] for i in range(2))
-        return first, second
-
-    def spread(
-        self, push: Float[AnyArray, " samples"], force: Float[AnyArray, "points 3"]
-    ) -> Float[Array, "samples 3"]:
-        """Forces on the rod's points, where the part of the normal forces acts that each stands for.
-
-        push   normal forces [N]
-        """
-        part = self.lumping * push
-        whole = jnp.sum(part, axis=1, keepdims=True)
-        return jnp.where(whole > 0, part / jnp.where(whole > 0, whole, 1.0), 0.0).T @ force
 
 
 class Tube(eqx.Module):
