@@ -130,7 +130,7 @@ def integral(
     bend = h * (rates[0] - rates[1])
     kink = (values[1] - values[0] - h * rates[1]) / jnp.where(bend != 0, bend, 1.0)
     kink = jnp.clip(kink, 0.0, 1.0)
-    return 0.5 * h * (values[0] + values[1] + kink * (1 - kink) * bend)
+    return jnp.asarray(0.5 * h * (values[0] + values[1] + kink * (1 - kink) * bend))
 
 
 class Bordered(NamedTuple):

@@ -202,7 +202,7 @@ class SolidContact(Term):
             place - (radius - 0.5 * own.overlap)[:, None] * nearest.normal,
             nearest.normal,
             samples.lumping @ self.pressure(tree, at),
-            samples.lumping @ where_each(at.overlap > 0, -touching[:, None] * rows),
+            jnp.dot(samples.lumping, where_each(at.overlap > 0, -touching[:, None] * rows)),
             samples.lumping @ touching,
         )
 
@@ -300,7 +300,7 @@ class SolidContact(Term):
             for i, (frames, on_end) in enumerate(((a[:-1], on_start), (a[1:], k[:, end, end]))):
                 lever, share = levers[:, i], samples.share[:, i, None]
                 pulls = where_each(touches, jnp.concatenate([jnp.cross(lever, whole), share * whole], axis=1))
-                wrench += on_frames(samples.of_piece @ pulls, frames, tree.frames)
+                wrench += on_frames(jnp.dot(samples.of_piece, pulls), frames, tree.frames)
                 stiffness += on_frames(where_each(pressed, on_end), frames, tree.frames)
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(push * jnp.maximum(at.overlap, 0.0)),
@@ -344,10 +344,11 @@ def _rows(
 ) -> Float[Array, "samples dofs"]:
     """By how much the overlap of each sample falls, by coordinates."""
     moved = _moved(samples, levers, points)
-    return sum(
+    first, second = (
         jnp.einsum("pi,pia->pa", share[:, None] * touch.normal, moved - _carried(touch, levers, solids))
         for share, touch in zip(at.share, at.touches, strict=True)
     )
+    return first + second
 
 
 def _by_points(samples: Samples, levers: Float[Array, "samples 2 3"]) -> Float[Array, "samples 3 12"]:

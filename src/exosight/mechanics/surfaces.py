@@ -68,7 +68,7 @@ class Samples(NamedTuple):
     def levers(self, pose: Float[Array, "points 4 4"]) -> Float[Array, "samples 2 3"]:
         """share p + along d of both points, whose sum is the place itself, in the world [m]."""
         ends = pose[np.stack([self.piece, self.piece + 1], axis=1)]
-        return self.share[..., None] * ends[..., :3, 3] + self.along[..., None] * ends[..., :3, 0]
+        return ends[..., :3, 3] * self.share[..., None] + ends[..., :3, 0] * self.along[..., None]
 
 
 class Tube(eqx.Module):

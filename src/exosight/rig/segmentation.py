@@ -8,6 +8,7 @@ none, a hand or a mount, is not known.
 """
 
 from dataclasses import dataclass
+from typing import cast
 
 import cv2
 import numpy as np
@@ -109,8 +110,11 @@ def _to_half(
     core = np.asarray(ndimage.binary_erosion(bodies, np.ones((3, 3), bool), border_value=1), bool)
     if not core.any():
         return mask
-    depth, at = ndimage.distance_transform_edt(~core, return_indices=True)
-    rim = (np.asarray(depth) > 0) & (np.asarray(depth) < 3) & (mask != UNKNOWN)
+    # Without an array to write to it returns both.
+    depth, at = cast(
+        tuple[np.ndarray, np.ndarray], ndimage.distance_transform_edt(~core, return_indices=True)
+    )
+    rim = (depth > 0) & (depth < 3) & (mask != UNKNOWN)
     half = change > 0.5 * change[at[0], at[1]]
     return np.where(rim, np.where(half, np.where(bodies, mask, mask[at[0], at[1]]), 0), mask).astype(np.uint8)
 
