@@ -170,12 +170,15 @@ def test_the_closest_place_is_the_closest(curl: tuple) -> None:
         thick = a * radius[j] + b * h[j] * slopes[j] + c * radius[j + 1] + d * h[j] * slopes[j + 1]
         return float(np.linalg.norm(point - centre) - thick)
 
+    samples = contact.samples(robot)
+    centre = np.asarray(samples.levers(motion.pose)).sum(axis=1)
+    along, thick = samples.lumping.T @ s, np.asarray(samples.radius)
     pressed = np.flatnonzero(np.asarray(at.overlap) > 0)
     for i in pressed:
-        first = int(np.argmax(s - s[i] > FAR * (radius[i] + radius)))
+        first = int(np.argmax(s - along[i] > FAR * (thick[i] + radius)))
         least = min(
             minimize_scalar(
-                lambda t, i=i, j=j: gap(position[i], j, t),
+                lambda t, i=i, j=j: gap(centre[i], j, t),
                 bounds=(0, 1),
                 method="bounded",
                 options={"xatol": 1e-12},
@@ -183,7 +186,50 @@ def test_the_closest_place_is_the_closest(curl: tuple) -> None:
             for j in range(first, len(s) - 1)
         )
         # A bounded search misses an end of its interval by 1e-8 of it.
-        assert float(at.overlap[i]) == pytest.approx(radius[i] - least, abs=1e-9)
+        assert float(at.overlap[i]) == pytest.approx(thick[i] - least, abs=1e-9)
+
+
+@pytest.mark.parametrize("bend", np.linspace(8.0, 40.0, 9))
+def test_no_contact_is_missed_by_searching_near_pieces_alone(
+    bend: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Against a search of all, from a rod that is almost straight to one that is bent into itself."""
+    soft = rod(points=Gauss(4, 8))
+    contact = TubeContact(tube(soft), tube(soft), jnp.array(STIFFNESS))
+    robot = Robot((soft,), (contact,))
+    q = np.zeros(robot.dofs)
+    q[:9] = bend * np.exp(-((np.arange(9) - 4) ** 2))
+    pose = walk(robot, jnp.asarray(q)).pose
+    near = contact.closest(robot, pose)
+    monkeypatch.setattr("exosight.mechanics.tube_contact.HALF", 1e3)
+    every = contact.closest(robot, pose)
+    np.testing.assert_array_equal(jnp.maximum(near.overlap, 0), jnp.maximum(every.overlap, 0))
+    # With a ball of 0.6 pieces too much on either side, what comes within 1 mm is searched as well.
+    np.testing.assert_array_equal(near.overlap[every.overlap > -1e-3], every.overlap[every.overlap > -1e-3])
+
+
+def test_a_rod_that_closes_on_itself_within_a_step_is_seen() -> None:
+    """From open by several radii, where no piece is near another one, to overlapping by several."""
+    soft = rod(points=Gauss(4, 8))
+    contact = TubeContact(tube(soft), tube(soft), jnp.array(STIFFNESS))
+    robot = Robot((soft,), (contact,))
+    begin, step = np.zeros(robot.dofs), np.zeros(robot.dofs)
+    bend = np.exp(-((np.arange(9) - 4) ** 2))
+    begin[:9], step[:9] = 8 * bend, 0.5 * bend
+    first = next(
+        k for k in range(200) if (np.asarray(touching(contact, robot, begin + k * step).overlap) > 0).any()
+    )
+    q, end = begin + (first - 4) * step, begin + (first + 4) * step
+    assert (np.asarray(touching(contact, robot, q).overlap) < -1e-4).all()
+    # A few steps, as none goes beyond where balls around two pieces touch that were not searched.
+    for _ in range(5):
+        share = float(contact.max_step_fraction(robot, walk(robot, jnp.asarray(q)), jnp.asarray(end - q)))
+        assert 0 < share < 1
+        q = q + share * (end - q)
+        deepest = float(jnp.max(touching(contact, robot, q).overlap))
+        if deepest > -1e-3:
+            break
+    assert abs(deepest) < 1e-3
 
 
 @pytest.mark.parametrize("x", np.linspace(-0.02, 0.07, 19))

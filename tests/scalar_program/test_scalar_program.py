@@ -1,6 +1,7 @@
 """Unrolled functions give what JAX gives, whatever they are made of."""
 
 from collections.abc import Callable
+from random import Random
 
 import hypothesis.extra.numpy as hnp
 import jax
@@ -13,8 +14,8 @@ from hypothesis import strategies as st
 from exosight.scalar_program import Unsupported, call_unrolled, unroll
 from exosight.scalar_program.conditional import arrange
 from exosight.scalar_program.graph import Graph
-from exosight.scalar_program.operations import Op
-from exosight.scalar_program.program import Stage, programs
+from exosight.scalar_program.operations import DOTS, Op
+from exosight.scalar_program.program import Program, Stage, programs
 from exosight.scalar_program.tracing import values_of
 
 SAME = 1e-14
@@ -220,6 +221,74 @@ def test_what_is_skipped_counts_for_nothing(x: np.ndarray, shift: float) -> None
         np.testing.assert_allclose(ours, theirs, rtol=10 * SAME, atol=10 * SAME)
 
 
+def reaching(x: jax.Array, step: jax.Array) -> tuple:
+    """As a contact that is searched only where things are near: now, and what a step from there needs."""
+    near = x[:, 0] > 0
+    depth = jnp.where(near, jnp.log(x[:, 0]) + jnp.sum(jnp.exp(jnp.sin(x)), axis=1), -10.0)
+    force = jnp.cos(x) * depth[:, None]
+    now = jnp.sum(jnp.where((depth > 0)[:, None], force @ force.T @ x, 0.0), axis=0)
+    ahead = jnp.where(near, jnp.sum(step * force, axis=1) + depth, 0.0)
+    slope = jnp.where((depth > 2) & near, jnp.exp(ahead) * jnp.sum(jnp.sqrt(1 + force**2), axis=1), 0.0)
+    return (), now, (jnp.sum(slope * step[:, 0]), jnp.max(ahead))
+
+
+@given(st.lists(st.sampled_from([-1.0, 0.3, 2.0]), min_size=16, max_size=16), st.randoms())
+@settings(max_examples=20, deadline=None)
+def test_what_a_later_stage_is_handed_may_have_been_skipped(shifts: list[float], random: Random) -> None:
+    """Samples go on to the next stage in another order, so that beside one that needs a value there is
+    another one for which it was skipped; and memory begins with what is not a number."""
+    rng = np.random.default_rng(0)
+    x, steps = rng.uniform(-0.2, 0.2, (16, 6, 3)), rng.normal(size=(16, 6, 3))
+    x[..., 0] += np.array(shifts)[:, None]
+    program = unroll(lambda _, x, step: reaching(x, step), [np.zeros(1), x[0], steps[0]])
+
+    def pose(x: jax.Array) -> tuple:
+        return program(1, program(0, None, jnp.zeros(1))[1], x)
+
+    jax.vmap(pose)(np.full_like(x, np.nan))
+    now, handed = jax.vmap(pose)(x)
+    order = np.array(random.sample(range(16), 16))
+    ahead, _ = jax.vmap(lambda handed, step: program(2, handed, step))(handed[order], steps[order])
+    _, expected, after = jax.vmap(reaching)(x, steps)
+    np.testing.assert_allclose(now, expected, rtol=1e-12, atol=1e-12)
+    for ours, theirs in zip(ahead, after, strict=True):
+        np.testing.assert_allclose(ours, theirs[order], rtol=1e-12, atol=1e-12)
+
+
+def test_a_stage_skips_what_later_ones_need_under_a_condition_that_it_knows() -> None:
+    """The logarithms of what is not near are left out, though a later stage is handed them."""
+    graph = Graph()
+    x, step = (np.array(graph.inputs(160)).reshape(20, 8) for _ in range(2))
+    jaxpr = jax.make_jaxpr(reaching)(np.zeros((20, 8)), np.zeros((20, 8)))
+    now, *after = values_of(graph, jaxpr, [x, step])
+    stages = [Stage(x.ravel().tolist(), now.ravel().tolist())]
+    later = [value for result in after for value in result.ravel().tolist()]
+    first, _ = programs(graph, [*stages, Stage(step.ravel().tolist(), later)])
+    skips, outside = _outside_blocks(first)
+    assert skips >= 20
+    assert outside.isdisjoint({Op.LOG, Op.EXP})
+
+
+def _outside_blocks(program: Program) -> tuple[int, set[int]]:
+    """How many blocks a program may skip, and the operations that it never does."""
+    code, at, skips, outside = program.code.tolist(), 0, 0, set()
+    operands = {Op.SELECT: 3, Op.MULTIPLY_ADD: 3, Op.NEGATIVE_MULTIPLY_ADD: 3, Op.DIFFERENCE: 4}
+    single = {Op.NEG, Op.NOT, Op.ABS, Op.SQRT, Op.SIN, Op.COS, Op.EXP, Op.LOG}
+    while at < len(code):
+        op, count = code[at], code[at + 1]
+        at += 2
+        if op == Op.SKIP:
+            at += 2 + count + code[at] * 2**16
+            skips += 1
+            continue
+        outside.add(op)
+        if op in DOTS:
+            at += 1 + count * (DOTS[op] + code[at] * (1 + DOTS[op]))
+        else:
+            at += count * (1 + operands.get(op, 1 if op in single else 2))
+    return skips, outside
+
+
 def test_a_long_chain_of_sums_is_not_one_operation() -> None:
     """How many products one operation has must fit in 16 bits of its code."""
     graph = Graph()
@@ -241,7 +310,7 @@ def test_what_only_a_condition_needs_is_behind_it() -> None:
     one = graph.constant(1.0)
     op, args = list(graph.op), list(graph.args)
     own = [i for i in range(len(op)) if op[i] >= 0]
-    blocks, instead, _ = arrange(op, args, graph.known, own, wanted, one)
+    blocks, instead, _, _ = arrange(op, args, graph.known, own, dict.fromkeys(wanted, ()), one)
     known = set(range(len(op))) - set(own) - {i for block in blocks for i in block.values}
     for block in blocks:
         assert block.condition is None or block.condition in known

@@ -25,14 +25,13 @@ from exosight import lie
 from exosight.arrays import AnyArray
 from exosight.mechanics.contact import Pressing, fraction_to_contact
 from exosight.mechanics.kinematics import Motion, at_points, spread
-from exosight.mechanics.surfaces import NOWHERE, Plane, Samples, Solids, Tube
+from exosight.mechanics.surfaces import NOWHERE, SAMPLES, Plane, Samples, Solids, Tube
 from exosight.mechanics.term import (
     Bound,
     Configuration,
     Expansion,
     Term,
     on_frames,
-    point_stiffness,
     point_wrench,
     where_each,
     zero,
@@ -167,12 +166,20 @@ class SolidContact(Term):
     def contacts(self, tree: Tree, pose: Float[Array, "frames 4 4"]) -> Contacts:
         """What the tube's samples overlap, at poses of all frames."""
         return self._overlaps(
-            self.first.samples(tree), pose[self.first.frames(tree)], pose[self.second.index(tree)]
+            self.samples(tree), pose[self.first.frames(tree)], pose[self.second.index(tree)]
         )
 
     def pressure(self, tree: Tree, at: Contacts) -> Float[AnyArray, " samples"]:
         """The force on each sample, all solids together [N]."""
-        return self.stiffness * self.first.samples(tree).length * jnp.maximum(at.overlap, 0.0)
+        return self.stiffness * self.samples(tree).length * jnp.maximum(at.overlap, 0.0)
+
+    def samples(self, tree: Tree) -> Samples:
+        """Where on the tube contact is integrated."""
+        return self.first.samples(tree, SAMPLES)
+
+    def pushes(self, tree: Tree, pose: Float[Array, "frames 4 4"]) -> Float[AnyArray, " samples"]:
+        """The same at poses of all frames."""
+        return self.pressure(tree, self.contacts(tree, pose))
 
     def point_frames(self, tree: Tree) -> np.ndarray:
         """The frames of the rod's points."""
@@ -184,13 +191,13 @@ class SolidContact(Term):
 
     def point_stiffness(self, tree: Tree) -> Float[AnyArray, " points"]:
         """Of the length of tube that each of the rod's points stands for [N/m]."""
-        samples = self.first.samples(tree)
+        samples = self.samples(tree)
         return self.stiffness * (samples.lumping @ samples.length)
 
     def pressing(self, tree: Tree, motion: Motion) -> Pressing:
         """What each of the rod's points presses on, the solid that it is nearest to, and its share of the
         force of the samples on either side."""
-        a, b, samples = self.first.frames(tree), self.second.index(tree), self.first.samples(tree)
+        a, b, samples = self.first.frames(tree), self.second.index(tree), self.samples(tree)
         place, radius = motion.position[a], jnp.asarray(self.first.radius)
         own = contacts(self.second, motion.pose[b], place, radius)
         at, nearest = self._overlaps(samples, motion.pose[a], motion.pose[b]), own.touches[0]
@@ -206,27 +213,19 @@ class SolidContact(Term):
             samples.lumping @ touching,
         )
 
-    def spread_on_samples(
-        self, tree: Tree, at: Contacts, force: Float[AnyArray, "points 3"]
-    ) -> Float[Array, "samples 3"]:
-        """Forces on the rod's points, where the normal force acts that each of them stands for."""
-        part = self.first.samples(tree).lumping * self.pressure(tree, at)
-        whole = jnp.sum(part, axis=1, keepdims=True)
-        return jnp.where(whole > 0, part / jnp.where(whole > 0, whole, 1.0), 0.0).T @ force
-
     def energy(self, tree: Tree, at: Configuration, loads: Float[Array, " loads"]) -> Float[Array, ""]:
         """∫ ½ k max(d, 0)² ds."""
         count = len(self.first.frames(tree))
-        found = self._overlaps(self.first.samples(tree), at.pose[:count], at.pose[count:])
+        found = self._overlaps(self.samples(tree), at.pose[:count], at.pose[count:])
         return 0.5 * jnp.sum(self.pressure(tree, found) * jnp.maximum(found.overlap, 0.0))
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
         """Fraction to slightly beyond the first contact of an open sample, which the expansion contains."""
-        a, b, samples = self.first.frames(tree), self.second.index(tree), self.first.samples(tree)
+        a, b, samples = self.first.frames(tree), self.second.index(tree), self.samples(tree)
         twist, levers = motion.twist(step)[:, :, None], samples.levers(motion.pose[a])
         at = self._overlaps(samples, motion.pose[a], motion.pose[b])
         nearest = at.touches[0]
-        moved = _moved(samples, levers, twist[a]) - _carried(nearest, levers, twist[b])
+        moved = samples.moved(levers, twist[a]) - _carried(nearest, levers, twist[b])
         closing = -jnp.sum(nearest.normal * moved[..., 0], axis=1)
         return fraction_to_contact(at.overlap, nearest.distance, closing, at.overlap < 0)
 
@@ -243,11 +242,11 @@ class SolidContact(Term):
         """
         a, b = self.first.frames(tree), self.second.index(tree)
         solids = tree.moving(b)
-        weight = self.stiffness * self.first.samples(tree).length
+        weight = self.stiffness * self.samples(tree).length
         width = _width(self.second)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
-            samples, points = self.first.samples(tree), motion.pose[a]
+            samples, points = self.samples(tree), motion.pose[a]
             at, levers = self._overlaps(samples, points, motion.pose[b]), samples.levers(points)
             push = weight * jnp.maximum(at.overlap, 0.0)
             touches = at.overlap > 0
@@ -297,10 +296,10 @@ class SolidContact(Term):
             still = jnp.sum(where_each(pressed, k[:, own, own]), axis=0)
             stiffness = jnp.zeros((tree.frames, 6, 6))
             on_start = k[:, start, start] + tie + jnp.swapaxes(tie, 1, 2)
-            for i, (frames, on_end) in enumerate(((a[:-1], on_start), (a[1:], k[:, end, end]))):
-                lever, share = levers[:, i], samples.share[:, i, None]
-                pulls = where_each(touches, jnp.concatenate([jnp.cross(lever, whole), share * whole], axis=1))
-                wrench += on_frames(jnp.dot(samples.of_piece, pulls), frames, tree.frames)
+            on_ends = (a[:-1], on_start), (a[1:], k[:, end, end])
+            for pulls, (frames, on_end) in zip(samples.on_points(levers, whole), on_ends, strict=True):
+                pulled = jnp.dot(samples.of_piece, where_each(touches, pulls))
+                wrench += on_frames(pulled, frames, tree.frames)
                 stiffness += on_frames(where_each(pressed, on_end), frames, tree.frames)
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(push * jnp.maximum(at.overlap, 0.0)),
@@ -319,15 +318,6 @@ class SolidContact(Term):
         return contacts(self.second, solids, place, samples.radius)
 
 
-def _moved(
-    samples: Samples, levers: Float[Array, "samples 2 3"], points: Float[Array, "points 6 some"]
-) -> Float[Array, "samples 3 some"]:
-    """How samples move, from twists of the rod's points."""
-    ends = points[np.stack([samples.piece, samples.piece + 1], axis=1)]
-    turning = lie.hat(levers) @ ends[..., :3, :]
-    return jnp.sum(samples.share[..., None, None] * ends[..., 3:, :] - turning, axis=1)
-
-
 def _carried(
     touch: Touch, levers: Float[Array, "samples 2 3"], solids: Float[Array, "frames 6 some"]
 ) -> Float[Array, "samples 3 some"]:
@@ -343,7 +333,7 @@ def _rows(
     solids: Float[Array, "frames 6 dofs"],
 ) -> Float[Array, "samples dofs"]:
     """By how much the overlap of each sample falls, by coordinates."""
-    moved = _moved(samples, levers, points)
+    moved = samples.moved(levers, points)
     first, second = (
         jnp.einsum("pi,pia->pa", share[:, None] * touch.normal, moved - _carried(touch, levers, solids))
         for share, touch in zip(at.share, at.touches, strict=True)
@@ -370,9 +360,7 @@ def _turning(
     relative   how samples move in the solid
     turned     force × ω of the solid, by its coordinates
     """
-    factors = np.ones((len(samples.share), 2, 6, 6))
-    factors[..., 3:, :3] = factors[..., :3, 3:] = samples.share[..., None, None]
-    first, second = (point_stiffness(levers[:, i], force) * factors[:, i] for i in range(2))
+    first, second = samples.stiffness(levers, force)
     none = jnp.zeros_like(first)
     coupled = -jnp.einsum("pia,pib->pab", relative, turned)
     across, own = coupled[:, :12], 0.5 * (coupled[:, 12:] + jnp.swapaxes(coupled[:, 12:], 1, 2))

@@ -13,9 +13,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from exosight import lie
 from exosight.arrays import AnyArray
 from exosight.mechanics.quadrature import Gauss
 from exosight.mechanics.rod import Rod
+from exosight.mechanics.term import point_stiffness
 from exosight.mechanics.tree import Tree
 
 TIP = 0.5
@@ -70,6 +72,47 @@ class Samples(NamedTuple):
         ends = pose[np.stack([self.piece, self.piece + 1], axis=1)]
         return ends[..., :3, 3] * self.share[..., None] + ends[..., :3, 0] * self.along[..., None]
 
+    def moved(
+        self, levers: Float[Array, "samples 2 3"], points: Float[Array, "points 6 some"]
+    ) -> Float[Array, "samples 3 some"]:
+        """How the places move, from twists of the rod's points."""
+        ends = points[np.stack([self.piece, self.piece + 1], axis=1)]
+        turning = lie.hat(levers) @ ends[..., :3, :]
+        return jnp.sum(self.share[..., None, None] * ends[..., 3:, :] - turning, axis=1)
+
+    def on_points(
+        self, levers: Float[Array, "samples 2 3"], force: Float[AnyArray, "samples 3"]
+    ) -> tuple[Float[Array, "samples 6"], Float[Array, "samples 6"]]:
+        """Spatial wrenches on both points of forces at the places [N m; N]."""
+        first, second = (
+            jnp.concatenate([jnp.cross(levers[:, i], force), self.share[:, i, None] * force], axis=1)
+            for i in range(2)
+        )
+        return first, second
+
+    def stiffness(
+        self, levers: Float[Array, "samples 2 3"], force: Float[Array, "samples 3"]
+    ) -> tuple[Float[Array, "samples 6 6"], Float[Array, "samples 6 6"]]:
+        """Second derivatives of constant forces' work by twists of the first and of the second point.
+
+        A place is a sum of what moves with either, so nothing couples them.
+        """
+        factors = np.ones((len(self.share), 2, 6, 6))
+        factors[..., 3:, :3] = factors[..., :3, 3:] = self.share[..., None, None]
+        first, second = (point_stiffness(levers[:, i], force) * factors[:, i] for i in range(2))
+        return first, second
+
+    def spread(
+        self, push: Float[AnyArray, " samples"], force: Float[AnyArray, "points 3"]
+    ) -> Float[Array, "samples 3"]:
+        """Forces on the rod's points, where the part of the normal forces acts that each stands for.
+
+        push   normal forces [N]
+        """
+        part = self.lumping * push
+        whole = jnp.sum(part, axis=1, keepdims=True)
+        return jnp.where(whole > 0, part / jnp.where(whole > 0, whole, 1.0), 0.0).T @ force
+
 
 class Tube(eqx.Module):
     """A tube around a rod.
@@ -94,11 +137,14 @@ class Tube(eqx.Module):
         last[-1] = TIP
         return rod.weights() + last * self.radius
 
-    def samples(self, tree: Tree) -> Samples:
-        """Places for contact whose patch may be shorter than the distance of the rod's points."""
+    def samples(self, tree: Tree, each: float) -> Samples:
+        """Places for contact whose patch may be shorter than the distance of the rod's points.
+
+        each   how many for each piece between these, in the mean
+        """
         rod = tree[self.rod]
         assert isinstance(rod, Rod)
-        piece, functions, weight, lumping = _places(rod.quadrature)
+        piece, functions, weight, lumping = _places(rod.quadrature, round(each * (rod.frames - 1)))
         spacing = rod.length * np.diff(rod.quadrature.points)
         radius = jnp.asarray(self.radius)
         ends = np.stack([piece, piece + 1], axis=1)
@@ -113,24 +159,20 @@ class Tube(eqx.Module):
 
 @lru_cache(maxsize=64)
 def _places(
-    quadrature: Gauss,
+    quadrature: Gauss, count: int
 ) -> tuple[
     Int[np.ndarray, " samples"],
     Float[np.ndarray, "samples 2 2"],
     Float[np.ndarray, " samples"],
     Float[np.ndarray, "points samples"],
 ]:
-    """Gauss points in every piece, as many as its length takes, and the end: piece, Hermite functions of
-    both points (value, slope), weight on [0, 1], and shares of both by linear interpolation."""
+    """Middles of equal parts of [0, 1], and the end: the piece of each, Hermite functions of both its points
+    (value, slope), weight, and shares of both by linear interpolation."""
     points = quadrature.points
-    pieces, places, weights = [], [], []
-    for i, length in enumerate(np.diff(points)):
-        nodes, parts = np.polynomial.legendre.leggauss(max(1, round(SAMPLES * (len(points) - 1) * length)))
-        pieces.append(np.full(len(nodes), i))
-        places.append((nodes + 1) / 2)
-        weights.append(parts / 2 * length)
-    piece = np.concatenate([*pieces, [len(points) - 2]])
-    t, weight = np.concatenate([*places, [1.0]]), np.concatenate([*weights, [0.0]])
+    place = np.append((np.arange(count) + 0.5) / count, 1.0)
+    piece = np.clip(np.searchsorted(points, place) - 1, 0, len(points) - 2)
+    t = (place - points[piece]) / np.diff(points)[piece]
+    weight = np.append(np.full(count, 1 / count), 0.0)
     lumping = np.zeros((len(points), len(t)))
     lumping[piece, np.arange(len(t))] = 1 - t
     lumping[piece + 1, np.arange(len(t))] = t

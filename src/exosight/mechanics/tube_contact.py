@@ -1,8 +1,8 @@
 """Contact of two soft tubes, or of one tube with itself: a traction t = k d n a length, for an overlap d.
 
-Each point of the first tube carries a sphere of the tube's radius there; the second tube is what spheres
-sweep along a curve through its rod's points: cubic Hermite pieces with the directions of the cross-
-sections' normals and, for the radius, the slopes of parabolas. So its surface has no edges, and the
+The first tube's places between its rod's points (`Samples`) carry spheres of its radius; the second tube is
+what spheres sweep along a curve through its rod's points: cubic Hermite pieces with the directions of the
+cross-sections' normals and, for the radius, the slopes of parabolas. So its surface has no edges, and the
 distance
 
     f = min over t of |p − c(t)| − r(t)
@@ -10,8 +10,9 @@ distance
 is as smooth as the curve wherever the closest place t is unique. With n = (p − c)/|p − c|, the derivative
 of f is n · (δp − δc) at fixed t, and the second one follows from that of t, f_tt δt = −δf_t.
 
-A rod touches itself between places further apart along it than FAR times the sum of their radii; each point
-looks towards the tip, where a rod that curls up is convex as seen from its base.
+A rod touches itself between places further apart along it than FAR times the sum of their radii; each place
+looks towards the tip, where a rod that curls up is convex as seen from its base. Only places are searched
+from whose piece of the first tube lies in a ball that meets one of the second tube's.
 """
 
 from typing import NamedTuple
@@ -25,15 +26,14 @@ from exosight.arrays import AnyArray
 from exosight.mechanics.contact import Pressing, fraction_to_contact
 from exosight.mechanics.kinematics import Motion, at_points, spread
 from exosight.mechanics.rod import Rod
-from exosight.mechanics.surfaces import NOWHERE, Tube, hermite, slopes
+from exosight.mechanics.surfaces import NOWHERE, Samples, Tube, hermite, slopes
 from exosight.mechanics.term import (
     Bound,
     Configuration,
     Expansion,
     Term,
+    moments_stiffness,
     on_frames,
-    point_stiffness,
-    point_wrench,
     weighted_squares,
     where_each,
     zero,
@@ -45,6 +45,16 @@ FAR = 1.9
 
 NEWTON_STEPS = 4
 """From a secant, each squares the error of the closest place: 1e-2, 1e-4, 1e-8, 1e-16 of a piece."""
+
+MARGIN = 1.2
+"""Of the distance at which balls around two pieces touch: a closer piece is searched, and no step lets others
+come closer than touching."""
+
+SAMPLES = 1.25
+"""Places of contact for each piece between a rod's points, in the mean."""
+
+HALF = 0.6
+"""Half of a piece's length between points, in that of the unloaded rod: it may be stretched by a fifth."""
 
 
 class Piece(NamedTuple):
@@ -63,9 +73,8 @@ class Piece(NamedTuple):
 
 
 class Closest(NamedTuple):
-    """For points of the first tube, the closest place of the second.
+    """For places of the first tube, the closest one of the second.
 
-    exists     (points,)      whether there is one that may be touched
     piece      (points,)      number of the piece that holds it
     t          (points,)      place in that piece, 0 … 1
     free       (points,)      whether t follows when the point moves; not at the tube's ends
@@ -75,7 +84,6 @@ class Closest(NamedTuple):
     nodes      the piece
     """
 
-    exists: Bool[Array, " points"]
     piece: Int[Array, " points"]
     t: Float[Array, " points"]
     free: Bool[Array, " points"]
@@ -99,18 +107,27 @@ class TubeContact(Term):
         """The first tube's points, then the second's; once if they are the same."""
         return list(dict.fromkeys([*self.first.frames(tree).tolist(), *self.second.frames(tree).tolist()]))
 
+    def samples(self, tree: Tree) -> Samples:
+        """Where on the first tube contact is integrated."""
+        return self.first.samples(tree, SAMPLES)
+
     def closest(self, tree: Tree, pose: Float[Array, "frames 4 4"]) -> Closest:
-        """Where each point of the first tube is closest to the second, at poses of all frames."""
-        nodes = pose[self.second.frames(tree)]
-        return self._closest(tree, pose[self.first.frames(tree), :3, 3], nodes[:, :3, 3], nodes[:, :3, 0])
+        """Where each of the first tube's samples is closest to the second one, at poses of all frames.
+
+        Of those that cannot touch it, the overlap is −NOWHERE.
+        """
+        return self._of_samples(tree, pose[self.first.frames(tree)], pose[self.second.frames(tree)])
 
     def forces(
         self, tree: Tree, pose: Float[Array, "frames 4 4"]
-    ) -> tuple[Float[AnyArray, "points 3"], Closest]:
-        """The force on the first tube at each of its points, in the world [N], and where it acts."""
+    ) -> tuple[Float[AnyArray, "samples 3"], Closest]:
+        """The force on the first tube at each of its samples, in the world [N], and where it acts."""
         at = self.closest(tree, pose)
-        push = self.point_stiffness(tree) * jnp.maximum(at.overlap, 0.0)
-        return push[:, None] * at.normal, at
+        return (self._weight(tree) * jnp.maximum(at.overlap, 0.0))[:, None] * at.normal, at
+
+    def pushes(self, tree: Tree, pose: Float[Array, "frames 4 4"]) -> Float[AnyArray, " samples"]:
+        """The normal force on each sample, at poses of all frames [N]."""
+        return self._weight(tree) * jnp.maximum(self.closest(tree, pose).overlap, 0.0)
 
     def point_frames(self, tree: Tree) -> np.ndarray:
         """The frames of the first tube's points."""
@@ -122,24 +139,29 @@ class TubeContact(Term):
 
     def point_stiffness(self, tree: Tree) -> Float[AnyArray, " points"]:
         """Of the length of tube that each point stands for [N/m]."""
-        return self.stiffness * self.first.lengths(tree)
+        return self.samples(tree).lumping @ self._weight(tree)
 
     def pressing(self, tree: Tree, motion: Motion) -> Pressing:
-        """What each point presses on: the nearer node of the piece of the second tube."""
-        at = self.closest(tree, motion.pose)
-        own, other = (motion.jacobian[tube.frames(tree)] for tube in (self.first, self.second))
-        place = motion.position[self.first.frames(tree)]
-        moved = _moved(at, own, other, place)
-        k = self.point_stiffness(tree)
+        """What each of the rod's points presses on, the nearer node of the second tube's piece that it is
+        closest to, and its share of the force of the samples on either side."""
+        a, b, samples = self.first.frames(tree), self.second.frames(tree), self.samples(tree)
+        place, nodes, radius = motion.position[a], motion.pose[b], jnp.asarray(self.first.radius)
+        along = self._lengthwise(tree)
+        own = self._closest(
+            tree, place, radius, *self._candidates(tree, np.arange(len(a)), along, radius), nodes
+        )
+        at, levers = self.closest(tree, motion.pose), samples.levers(motion.pose[a])
+        touches, weight = at.overlap > 0, self._weight(tree)
+        moved = samples.moved(levers, motion.jacobian[a]) - _carried(at, motion.jacobian[b])
         closing = -jnp.einsum("pi,pia->pa", at.normal, moved)
-        touching = jnp.where(at.overlap > 0, k, 0.0)
+        touching = jnp.where(touches, weight, 0.0)
         return Pressing(
-            at.piece + jnp.where(at.t > 0.5, 1.0, 0.0),
-            place - (self.first.radius - 0.5 * at.overlap)[:, None] * at.normal,
-            at.normal,
-            k * jnp.maximum(at.overlap, 0.0),
-            touching[:, None] * closing,
-            touching,
+            own.piece + jnp.where(own.t > 0.5, 1.0, 0.0),
+            place - (radius - 0.5 * own.overlap)[:, None] * own.normal,
+            own.normal,
+            samples.lumping @ (weight * jnp.maximum(at.overlap, 0.0)),
+            jnp.dot(samples.lumping, where_each(touches, touching[:, None] * closing)),
+            samples.lumping @ touching,
         )
 
     def energy(self, tree: Tree, at: Configuration, loads: Float[Array, " loads"]) -> Float[Array, ""]:
@@ -148,68 +170,63 @@ class TubeContact(Term):
         own, other = (
             np.array([order.index(i) for i in tube.frames(tree)]) for tube in (self.first, self.second)
         )
-        found = self._closest(tree, at.position[own], at.position[other], at.pose[other, :3, 0])
-        weight = self.point_stiffness(tree)
-        return 0.5 * jnp.sum(weight * jnp.maximum(found.overlap, 0.0) ** 2)
+        found = self._of_samples(tree, at.pose[own], at.pose[other])
+        return 0.5 * jnp.sum(self._weight(tree) * jnp.maximum(found.overlap, 0.0) ** 2)
 
     def max_step_fraction(self, tree: Tree, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
-        """Fraction to slightly beyond the first contact of an open point; the expansion there contains it."""
-        at = self.closest(tree, motion.pose)
-        twist = motion.twist(step)
-        own, other = twist[self.first.frames(tree)], twist[self.second.frames(tree)]
-        place = motion.position[self.first.frames(tree)]
-        velocity = jnp.stack([_row(other, at.piece), _row(other, at.piece + 1)], axis=1)
-        levers, weights = _levers(at, 0)
-        moved = own[:, 3:] + jnp.cross(own[:, :3], place)
-        moved = moved - jnp.sum(
-            weights[..., None] * velocity[..., 3:] + jnp.cross(velocity[..., :3], levers), axis=1
-        )
-        closing = -jnp.sum(at.normal * moved, axis=1)
-        return fraction_to_contact(at.overlap, at.distance, closing, at.exists & (at.overlap < 0))
+        """Fraction to slightly beyond the first contact of an open sample, which the expansion contains, or
+        to where pieces that are not searched may touch."""
+        a, b, samples = self.first.frames(tree), self.second.frames(tree), self.samples(tree)
+        twist = motion.twist(step)[:, :, None]
+        points, nodes = motion.pose[a], motion.pose[b]
+        at = self._of_samples(tree, points, nodes)
+        moved = samples.moved(samples.levers(points), twist[a]) - _carried(at, twist[b])
+        reached = at.overlap > -NOWHERE
+        closing, distance = where_each(
+            reached, jnp.stack([-jnp.sum(at.normal * moved[..., 0], axis=1), at.distance], axis=1)
+        ).T
+        touching = fraction_to_contact(at.overlap, distance, closing, at.overlap < 0)
+        apart, together = self._apart(tree, points, nodes)
+        ways = [_length(at_points(twist[each], motion.position[each])[..., 0]) for each in (a, b)]
+        fastest = jnp.maximum(ways[0][1:], ways[0][:-1]) + jnp.max(ways[1]) + 1e-30
+        meeting = jnp.where(apart < MARGIN * together, jnp.inf, (apart - together) / fastest)
+        return jnp.minimum(touching, jnp.min(meeting))
 
     def bind(self, tree: Tree) -> Bound:
-        """Wrenches on the point and on both nodes of its piece, and the second derivative by coordinates."""
-        a, b = self.first.frames(tree), self.second.frames(tree)
-        moving = np.array(tree.moving(self.frames(tree)), int)
-        weight = self.point_stiffness(tree)
-        may_touch = _may_touch(self, tree)
+        """Wrenches on both points beside a sample and on both nodes of the piece that it is closest to, and
+        the second derivative by coordinates."""
+        a, b, samples = self.first.frames(tree), self.second.frames(tree), self.samples(tree)
+        coordinates = tree.moving(self.frames(tree))
+        moving = np.array(coordinates, int)
+        weight = self._weight(tree)
+        may_touch = self._may_touch(tree, samples.piece)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
-            at, position = self.closest(tree, motion.pose), motion.position[a]
+            at, own = self.closest(tree, motion.pose), samples.levers(motion.pose[a])
             jacobian = motion.jacobian[:, :, moving]
             push = weight * jnp.maximum(at.overlap, 0.0)
             force = -push[:, None] * at.normal
             levers, weights = _levers(at, 0)
-            # Frames: on each point the force, on the nodes of its piece its opposite by their weights.
             touches = at.overlap > 0
-            wrench = on_frames(where_each(touches, point_wrench(position, force)), a, tree.frames)
-            stiffness = on_frames(where_each(touches, point_stiffness(position, force)), a, tree.frames)
+            pulls = jnp.zeros((tree.frames, 4, 3))
+            # On both points beside the sample the force, on the nodes of its piece its opposite.
+            for i, frames in enumerate((a[:-1], a[1:])):
+                pull = where_each(touches, _pulls(samples.share[:, i], own[:, i], force))
+                pulls += on_frames(jnp.einsum("jp,pik->jik", samples.of_piece, pull), frames, tree.frames)
             for node in range(2):
                 of_node = (at.piece[:, None] + node == np.arange(len(b))) & may_touch
-                share = weights[:, node, None]
-                on_node = jnp.concatenate([jnp.cross(levers[:, node], force), share * force], axis=1)
-                blocks = (
-                    jnp.ones((len(a), 6, 6))
-                    .at[:, 3:, :3]
-                    .set(share[..., None])
-                    .at[:, :3, 3:]
-                    .set(share[..., None])
-                )
-                bent = point_stiffness(levers[:, node], force) * blocks
-                chosen = jnp.where(of_node & touches[:, None], 1.0, 0.0)
-                wrench -= on_frames(chosen.T @ on_node, b, tree.frames)
-                stiffness -= on_frames(jnp.einsum("pn,pij->nij", chosen, bent), b, tree.frames)
-            moved = _moved(at, jacobian[a], jacobian[b], position)
+                chosen = where_each(touches, jnp.where(of_node, 1.0, 0.0))
+                pull = _pulls(weights[:, node], levers[:, node], force)
+                pulls -= on_frames(jnp.einsum("pn,pik->nik", chosen, pull), b, tree.frames)
+            wrench, stiffness = moments_stiffness(pulls[:, 0], pulls[:, 1:])
+            moved = samples.moved(own, jacobian[a]) - _carried(at, jacobian[b])
             turned = jnp.zeros(moved.shape[::2])
             rates, rate_weights = _levers(at, 1)
             for node in range(2):
                 columns = _row(jacobian[b], at.piece + node)
-                turned += jnp.einsum(
-                    "pi,pia->pa",
-                    at.normal,
-                    rate_weights[:, node, None, None] * columns[:, 3:]
-                    - lie.hat(rates[:, node]) @ columns[:, :3],
-                )
+                rate = rate_weights[:, node, None] * at.normal
+                turn = jnp.concatenate([jnp.cross(rates[:, node], at.normal), rate], axis=1)
+                turned += jnp.einsum("pi,pia->pa", turn, columns)
             along = jnp.sum(rates, axis=1)
             normal = jnp.einsum("pi,pia->pa", at.normal, moved)
             aside = moved - at.normal[..., None] * normal[:, None]
@@ -219,27 +236,69 @@ class TubeContact(Term):
             columns = jnp.concatenate([normal[:, None], aside, slid[:, None]], axis=1)
             factors = jnp.stack([jnp.asarray(weight), -bend, -bend, -bend, follows], axis=1)
             block = weighted_squares(columns, factors, touches)
-            whole = spread(
-                spread(block, tuple(moving.tolist()), tree.dofs).T, tuple(moving.tolist()), tree.dofs
-            )
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(weight * jnp.maximum(at.overlap, 0.0) ** 2),
                 wrench=wrench,
                 stiffness=stiffness,
-                hessian=whole,
+                hessian=spread(spread(block, coordinates, tree.dofs).T, coordinates, tree.dofs),
             )
 
         return expand
+
+    def _weight(self, tree: Tree) -> Float[AnyArray, " samples"]:
+        """Of the length of tube that each sample stands for [N/m]."""
+        return self.stiffness * self.samples(tree).length
+
+    def _of_samples(
+        self, tree: Tree, points: Float[Array, "points 4 4"], nodes: Float[Array, "nodes 4 4"]
+    ) -> Closest:
+        """At the poses of both tubes' points."""
+        samples = self.samples(tree)
+        place = jnp.sum(samples.levers(points), axis=1)
+        allowed = self._candidates(
+            tree, samples.piece, samples.lumping.T @ self._lengthwise(tree), samples.radius
+        )
+        found = self._closest(tree, place, samples.radius, *allowed, nodes)
+        apart, touching = self._apart(tree, points, nodes)
+        reached = (apart < MARGIN * touching)[samples.piece]
+        return found._replace(overlap=jnp.where(reached, found.overlap, -NOWHERE))
+
+    def _apart(
+        self, tree: Tree, points: Float[Array, "points 4 4"], nodes: Float[Array, "nodes 4 4"]
+    ) -> tuple[Float[Array, " pieces"], Float[Array, ""]]:
+        """Of each piece of the first tube, how far its middle is from that of the next piece that it may
+        touch; and from where on no two pieces can touch, as balls around them do not [m]."""
+        samples = self.samples(tree)
+
+        def ball(tube: Tube) -> Float[Array, ""]:
+            rod = tree[tube.rod]
+            assert isinstance(rod, Rod)
+            longest = rod.length * np.diff(rod.quadrature.points).max()
+            return jnp.max(jnp.asarray(tube.radius)) + HALF * longest
+
+        far, _ = self._candidates(
+            tree, samples.piece, samples.lumping.T @ self._lengthwise(tree), samples.radius
+        )
+        # With the nodes of its end that samples of a piece may touch.
+        may = (samples.of_piece @ jnp.where(far, 1.0, 0.0))[:, 1:] > 0
+        apart = _middles(points[:, :3, 3])[:, None] - _middles(nodes[:, :3, 3])
+        possible = self._may_touch(tree, np.arange(len(apart)))[:, 1:]
+        square = jnp.where(possible & may, jnp.sum(apart**2, axis=-1), NOWHERE**2)
+        return jnp.sqrt(jnp.min(square, axis=1)), ball(self.first) + ball(self.second)
 
     def _closest(
         self,
         tree: Tree,
         point: Float[Array, "points 3"],
-        node: Float[Array, "nodes 3"],
-        direction: Float[Array, "nodes 3"],
+        thick: Float[AnyArray, " points"],
+        far: Bool[AnyArray, "points nodes"],
+        may: Bool[np.ndarray, "points nodes"],
+        nodes: Float[Array, "nodes 4 4"],
     ) -> Closest:
+        """Of spheres with these centres and radii; `far` and `may`: see `_candidates`."""
         rod = tree[self.second.rod]
         assert isinstance(rod, Rod)
+        node, direction = nodes[:, :3, 3], nodes[:, :3, 0]
         spacing = rod.length * np.diff(rod.quadrature.points)
         radius = jnp.asarray(self.second.radius)
         slope = slopes(radius, spacing)
@@ -251,9 +310,8 @@ class TubeContact(Term):
         always = jnp.ones((len(point), 1), bool)
         holds = jnp.concatenate([always, closer], axis=1) & ~jnp.concatenate([closer, ~always], axis=1)
         lowest = jnp.concatenate([gap[:, :1], jnp.minimum(gap[:, 1:], gap[:, :-1]), gap[:, -1:]], axis=1)
-        may = _may_touch(self, tree)
         may = np.concatenate([may[:, :1], may], axis=1)
-        near = jnp.concatenate([self._far(tree)[:, :1], self._far(tree)], axis=1)
+        near = jnp.concatenate([far[:, :1], far], axis=1)
         score = jnp.where(holds & may & near, lowest, NOWHERE)
         best = jnp.argmin(score, axis=1)
         last = len(node) - 1
@@ -264,36 +322,60 @@ class TubeContact(Term):
         start, end = _row(table, piece), _row(table, piece + 1)
         length = start[:, 8]
         both = jnp.stack([start, end], axis=1)
-        nodes = Piece(
+        piece_nodes = Piece(
             both[..., :3],
             both[..., 3:6] * length[:, None, None],
             both[..., 6],
             both[..., 7] * length[:, None],
         )
-        t = jnp.where(free, _solve(point, nodes), jnp.where(best > 0, 1.0, 0.0))
-        between = point - jnp.sum(hermite(t, 0)[..., None] * _four(nodes), axis=1)
+        t = jnp.where(free, _solve(point, piece_nodes), jnp.where(best > 0, 1.0, 0.0))
+        between = point - jnp.sum(hermite(t, 0)[..., None] * _four(piece_nodes), axis=1)
         distance = jnp.sqrt(jnp.sum(between**2, axis=-1) + 1e-30)
-        thick = jnp.sum(hermite(t, 0) * _four_radii(nodes), axis=1)
+        other = jnp.sum(hermite(t, 0) * _four_radii(piece_nodes), axis=1)
         exists = jnp.min(score, axis=1) < NOWHERE
-        overlap = jnp.where(exists, self.first.radius + thick - distance, -NOWHERE)
-        return Closest(exists, piece, t, free, overlap, distance, between / distance[:, None], nodes)
+        overlap = jnp.where(exists, thick + other - distance, -NOWHERE)
+        return Closest(piece, t, free, overlap, distance, between / distance[:, None], piece_nodes)
 
-    def _far(self, tree: Tree) -> Bool[AnyArray, "points nodes"]:
-        """Whether places of one rod are far enough apart along it; all of two rods are."""
-        if self.first.rod != self.second.rod:
-            return jnp.ones((len(self.first.frames(tree)), len(self.second.frames(tree))), bool)
+    def _lengthwise(self, tree: Tree) -> Float[AnyArray, " points"]:
+        """Distance of the first tube's points from its beginning, unbent [m]."""
         rod = tree[self.first.rod]
         assert isinstance(rod, Rod)
-        place = rod.length * rod.quadrature.points
-        radius = jnp.asarray(self.first.radius)
-        return place[None] - place[:, None] > FAR * (radius[:, None] + radius[None])
+        return rod.length * rod.quadrature.points
+
+    def _candidates(
+        self,
+        tree: Tree,
+        piece: Int[np.ndarray, " points"],
+        along: Float[AnyArray, " points"],
+        radius: Float[AnyArray, " points"],
+    ) -> tuple[Bool[AnyArray, "points nodes"], Bool[np.ndarray, "points nodes"]]:
+        """Which of its nodes a tube of these places and radii may touch: far enough apart along one rod, of
+        two rods all, and which may be so (static).
+
+        piece   beginning at which node, or later
+        along   distance from the beginning of the tube [m]
+        """
+        may = self._may_touch(tree, piece)
+        if self.first.rod != self.second.rod:
+            return jnp.ones(may.shape, bool), may
+        second = jnp.asarray(self._lengthwise(tree))
+        return second[None] - along[:, None] > FAR * (radius[:, None] + jnp.asarray(self.second.radius)), may
+
+    def _may_touch(self, tree: Tree, piece: Int[np.ndarray, " points"]) -> Bool[np.ndarray, "points nodes"]:
+        """Which nodes places on these pieces are compared with: all of another rod; of its own, those towards
+        the tip."""
+        nodes = np.arange(len(self.second.frames(tree)))
+        own = self.first.rod == self.second.rod
+        return nodes > piece[:, None] if own else np.ones((len(piece), len(nodes)), bool)
 
 
-def _may_touch(contact: TubeContact, tree: Tree) -> Bool[np.ndarray, "points nodes"]:
-    """Which nodes a point is compared with: all of another rod; of its own, those towards the tip."""
-    shape = len(contact.first.frames(tree)), len(contact.second.frames(tree))
-    own = contact.first.rod == contact.second.rod
-    return np.triu(np.ones(shape, bool), 1) if own else np.ones(shape, bool)
+def _middles(values: Float[Array, "points 3"]) -> Float[Array, "pieces 3"]:
+    """Means of each point and the next one."""
+    return 0.5 * (values[1:] + values[:-1])
+
+
+def _length(values: Float[Array, "points 3"]) -> Float[Array, " points"]:
+    return jnp.sqrt(jnp.sum(values**2, axis=1) + 1e-30)
 
 
 def _row(table: Float[Array, "nodes ..."], number: Int[Array, " points"]) -> Float[Array, "points ..."]:
@@ -310,6 +392,13 @@ def _four_radii(nodes: Piece) -> Float[Array, "points 4"]:
     return jnp.stack([nodes.radius, nodes.slope], axis=2).reshape(-1, 4)
 
 
+def _pulls(
+    share: Float[AnyArray, " points"], lever: Float[Array, "points 3"], force: Float[AnyArray, "points 3"]
+) -> Float[Array, "points 4 3"]:
+    """share f, and lever fᵀ below it."""
+    return jnp.concatenate([share[:, None], lever], axis=1)[..., None] * force[:, None]
+
+
 def _levers(at: Closest, order: int) -> tuple[Float[Array, "points 2 3"], Float[Array, "points 2"]]:
     """Derivative by t of the curve's share that moves with each node: it moves by weight v + ω × lever."""
     functions = hermite(at.t, order).reshape(-1, 2, 2)
@@ -317,19 +406,14 @@ def _levers(at: Closest, order: int) -> tuple[Float[Array, "points 2 3"], Float[
     return levers, functions[..., 0]
 
 
-def _moved(
-    at: Closest,
-    own: Float[Array, "points 6 moving"],
-    other: Float[Array, "nodes 6 moving"],
-    place: Float[Array, "points 3"],
-) -> Float[Array, "points 3 moving"]:
-    """Derivative of each point's place against the closest one at fixed t, from both tubes' Jacobians."""
+def _carried(at: Closest, nodes: Float[Array, "nodes 6 some"]) -> Float[Array, "points 3 some"]:
+    """How the closest places move at fixed t, from twists of the second tube's nodes."""
     levers, weights = _levers(at, 0)
-    moved = at_points(own, place)
+    moved = jnp.zeros((len(at.t), 3, nodes.shape[2]))
     for node in range(2):
-        columns = _row(other, at.piece + node)
-        moved -= weights[:, node, None, None] * columns[:, 3:]
-        moved += lie.hat(levers[:, node]) @ columns[:, :3]
+        columns = _row(nodes, at.piece + node)
+        moved += weights[:, node, None, None] * columns[:, 3:]
+        moved -= lie.hat(levers[:, node]) @ columns[:, :3]
     return moved
 
 

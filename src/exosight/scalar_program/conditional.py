@@ -11,7 +11,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from heapq import heappop, heappush
 from typing import NamedTuple, no_type_check
 
-from exosight.scalar_program.operations import Op
+from exosight.scalar_program.operations import FOLD, Op
 from exosight.scalar_program.sums import Shared, shared_sums
 
 LEAST = 12
@@ -27,6 +27,8 @@ what is computed long before its use leaves the cache."""
 ALWAYS = -1
 """In the place of a condition: before all others."""
 
+COMPARISONS = (Op.LT, Op.LE, Op.GT, Op.GE, Op.EQ)
+
 SUMS = (Op.ADD, Op.SUB, Op.DOT, Op.MULTIPLY_ADD, Op.NEGATIVE_MULTIPLY_ADD)
 
 
@@ -38,11 +40,18 @@ class Block(NamedTuple):
 
 
 class Arranged(NamedTuple):
-    """All blocks; of sums in the place of another value, that value; sums made at once, by the first."""
+    """Values in their order.
+
+    blocks    all of them
+    instead   of sums in the place of another value, that value
+    shared    sums made at once, by the first
+    handed    of values made before: conditions without any of which nobody needs them
+    """
 
     blocks: list[Block]
     instead: dict[int, int]
     shared: dict[int, Shared]
+    handed: dict[int, frozenset[int]]
 
 
 class _Addition(NamedTuple):
@@ -57,18 +66,19 @@ def arrange(
     args: list[tuple[int, ...]],
     known: Mapping[int, float],
     own: Sequence[int],
-    kept: Collection[int],
+    kept: Mapping[int, Collection[int]],
     one: int,
 ) -> Arranged:
     """Blocks of the values `own`, which stand in an order in which they can be computed.
 
     op, args   how values are made; long sums become several, whose values are added to both
     known      numbers known beforehand
-    kept       values wanted in the end
+    kept       values wanted in the end, with the conditions without any of which nobody needs them
     one        number of the value 1
     """
     own, additions = _additions(op, args, known, own, one)
     here = set(own)
+    before = {a for i in own for a in args[i] if a not in here} | (kept.keys() - here)
     uses = Counter(a for i in own for a in set(args[i]))
     additions = {
         i: addition
@@ -79,7 +89,7 @@ def arrange(
         and args[i].count(addition.to) == 1
     }
     size = {i: len(args[i]) // 2 if op[i] == Op.DOT else 1 for i in own}
-    conditions, need = _needed(op, args, own, kept, additions)
+    conditions, need = _needed(op, args, known, own, kept, additions)
     weight: Counter[int] = Counter()
     alike: Counter[int] = Counter()
     for i in own:
@@ -92,7 +102,7 @@ def arrange(
     # That which least depends on holds most rarely.
     rarest = {
         bits: min(
-            (c for c in _of(bits, conditions) if weight[c] >= LEAST),
+            (c for c in _of(bits, conditions) if weight[c] >= LEAST and (c in here or c in before)),
             key=lambda c: (weight[c], c),
             default=None,
         )
@@ -107,7 +117,16 @@ def arrange(
         # What another block of the same condition left out must not be added.
         if sum(size[i] for i in values) < LEAST and additions.keys().isdisjoint(values):
             blocks[at] = Block(None, values)
-    return Arranged(blocks, {i: addition.to for i, addition in additions.items()}, shared)
+    # A sum in which another sample of this stage has a block run adds zero times what it was handed, which
+    # must be a number: only choices leave out what nobody computed.
+    conditions, need = _needed(op, args, known, own, kept, {})
+    sets = {bits: frozenset(_of(bits, conditions)) for bits in {need[a] for a in before}}
+    return Arranged(
+        blocks,
+        {i: addition.to for i, addition in additions.items()},
+        shared,
+        {a: sets[need[a]] for a in before},
+    )
 
 
 @no_type_check
@@ -203,24 +222,32 @@ def _sum(values: Sequence[int], total: int | None, one: int) -> tuple[Op, tuple[
 def _needed(
     op: list[int],
     args: list[tuple[int, ...]],
+    known: Mapping[int, float],
     own: Sequence[int],
-    kept: Collection[int],
+    kept: Mapping[int, Collection[int]],
     additions: Mapping[int, _Addition],
 ) -> tuple[list[int], list[int]]:
     """Conditions, and of every value those without any of which nobody needs it, as bits of a number."""
     conditions: list[int] = []
     bit: dict[int, int] = {}
+    bits: dict[int, int] = {}
 
-    def bit_of(condition: int) -> int:
-        if condition not in bit:
+    def bits_of(condition: int) -> int:
+        """With those that hold wherever this one does."""
+        if condition not in bits:
             bit[condition] = 1 << len(conditions)
             conditions.append(condition)
-        return bit[condition]
+            bits[condition] = bit[condition]
+            for other in _implied(op, args, known, condition):
+                bits[condition] |= bits_of(other)
+        return bits[condition]
 
     every = -1  # of what nobody has asked for yet
     need = [every] * len(op)
-    for i in kept:
+    for i, only in kept.items():
         need[i] = 0
+        for condition in only:
+            need[i] |= bits_of(condition)
     for i in reversed(own):
         only = need[i]
         if only == every:
@@ -230,18 +257,38 @@ def _needed(
         need[i] = only
         operands = args[i]
         if i in additions:
-            always, within = additions[i].to, only | bit_of(additions[i].condition)
+            always, within = additions[i].to, only | bits_of(additions[i].condition)
             for a in operands:
                 need[a] &= only if a == always else within
+            need[additions[i].condition] &= only
         elif op[i] == Op.SELECT and operands.count(operands[1]) == 1:
             condition, chosen, other = operands
             need[condition] &= only
-            need[chosen] &= only | bit_of(condition)
+            need[chosen] &= only | bits_of(condition)
             need[other] &= only
         else:
             for a in operands:
                 need[a] &= only
     return conditions, need
+
+
+@no_type_check
+def _implied(
+    op: list[int], args: list[tuple[int, ...]], known: Mapping[int, float], condition: int
+) -> list[int]:
+    """Conditions without which this one does not hold: in `where(near, depth, -1) > 0`, `near`."""
+    if op[condition] == Op.AND:
+        return [a for a in args[condition] if a not in known]
+    if op[condition] not in COMPARISONS:
+        return []
+    x, y = args[condition]
+    found = []
+    for choice, number, order in ((x, y, 1), (y, x, -1)):
+        if op[choice] == Op.SELECT and number in known and args[choice][2] in known:
+            values = (known[args[choice][2]], known[number])[::order]
+            if not FOLD[op[condition]](*values):
+                found.append(args[choice][0])
+    return found
 
 
 @no_type_check

@@ -67,17 +67,26 @@ def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
     uses = Counter(a for i in live for a in args[i])
     uses.update(value for stage in stages for value in stage.results)
     live = _fuse(op, args, level, live, uses, one)
-    made, handed = [], []
-    for number, stage in enumerate(stages):
-        own = [i for i in live if op[i] >= 0 and level[i] == number]
-        later = {a for i in live if op[i] >= 0 and level[i] > number for a in args[i]}
-        later |= {value for after in stages[number + 1 :] for value in after.results}
-        handing = sorted(a for a in later if op[a] != Op.CONSTANT and level[a] <= number)
-        results = [*stage.results, *handing]
-        arranged = arrange(op, args, graph.known, own, set(results), one)
-        made.append(_allocated(graph, op, args, arranged, [*handed, *stage.arguments], results))
-        handed = handing
-    return made
+    own = [[i for i in live if op[i] >= 0 and level[i] == number] for number in range(len(stages))]
+    handed: list[list[int]] = [[]]
+    for number in range(1, len(stages)):
+        later = {a for of_stage in own[number:] for i in of_stage for a in args[i]}
+        later |= {value for after in stages[number:] for value in after.results}
+        handed.append(sorted(a for a in later if op[a] != Op.CONSTANT and level[a] < number))
+    made: list[Program] = []
+    handing: dict[int, frozenset[int]] = {}
+    # The last stage first: under which conditions it needs what it is handed.
+    for number in reversed(range(len(stages))):
+        stage = stages[number]
+        kept = handing | dict.fromkeys(stage.results, frozenset())
+        arranged = arrange(op, args, graph.known, own[number], kept, one)
+        results = [*stage.results, *sorted(handing)]
+        made.append(_allocated(graph, op, args, arranged, [*handed[number], *stage.arguments], results))
+        handing = {
+            a: frozenset(c for c in arranged.handed[a] if c < len(level) and level[c] < number)
+            for a in handed[number]
+        }
+    return made[::-1]
 
 
 def _levels(op: list[int], args: list[tuple[int, ...]], stages: Sequence[Stage]) -> list[int]:
@@ -154,7 +163,7 @@ def _allocated(
     results: Sequence[int],
 ) -> Program:
     """Slots for all values, and the code; a slot is used again once its value is used up."""
-    blocks, instead, shared = arranged
+    blocks, instead, shared, _ = arranged
     own = [i for block in blocks for i in block.values]
     used = {a for i in own for a in args[i]} | set(results)
     constants = [a for a in sorted(used) if op[a] == Op.CONSTANT]

@@ -217,7 +217,16 @@ def _reduced(equation: Any, x: Values) -> Values:
 def _sum(graph: Graph, equation: Any, x: Values) -> list[Values]:
     one = graph.constant(1.0)
     rows = _reduced(equation, x).tolist()
-    return [np.array([graph.dot((value, one) for value in row) for row in rows], dtype=np.int64)]
+    op, args = graph.op, graph.args
+
+    def term(value: int) -> tuple[int, int]:
+        """Two factors; the sign of a product goes to the first one, which several products may share."""
+        if op[value] == Op.NEG and op[args[value][0]] == Op.MUL:
+            x, y = args[args[value][0]]
+            return graph.neg(x), y
+        return value, one
+
+    return [np.array([graph.dot(term(value) for value in row) for row in rows], dtype=np.int64)]
 
 
 def _reduce(op: Callable) -> Callable:

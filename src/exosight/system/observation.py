@@ -208,7 +208,7 @@ def _on_solids(term: SolidContact, robot: Robot, motion: Motion) -> tuple[Surfac
         [(share * push)[:, None] * touch.normal for share, touch in zip(at.share, at.touches, strict=True)]
     )
     place = jnp.concatenate([touch.which @ term.second.starts + touch.place for touch in at.touches])
-    along = term.first.samples(robot).lumping.T @ _along(term.first.rod, robot)
+    along = term.samples(robot).lumping.T @ _along(term.first.rod, robot)
     first = SurfaceForces(force, force, jnp.concatenate([along, along]))
     return first, SurfaceForces(-force, -force, place)
 
@@ -217,7 +217,7 @@ def _on_tubes(term: TubeContact, robot: Robot, motion: Motion) -> tuple[SurfaceF
     force, at = term.forces(robot, motion.pose)
     nodes = _along(term.second.rod, robot)
     place = nodes[at.piece] + at.t * (nodes[at.piece + 1] - nodes[at.piece])
-    first = SurfaceForces(force, force, _along(term.first.rod, robot))
+    first = SurfaceForces(force, force, term.samples(robot).lumping.T @ _along(term.first.rod, robot))
     return first, SurfaceForces(-force, -force, place)
 
 
@@ -236,9 +236,9 @@ def _friction(
 ) -> tuple[SurfaceForces, SurfaceForces]:
     """Tangential forces, where the normal ones act: of each point on what it touches most."""
     force = term.forces(robot, motion)
-    if isinstance(term.contact, SolidContact):
-        at = term.contact.contacts(robot, motion.pose)
-        force = term.contact.spread_on_samples(robot, at, force)
+    if isinstance(term.contact, SolidContact | TubeContact):
+        push = term.contact.pushes(robot, motion.pose)
+        force = term.contact.samples(robot).spread(push, force)
     places = [side.place[: len(force)] for side in sides]
     if isinstance(term.contact, SphereContact):  # whose sides hold the sums over all pairs of a sphere
         counts = [len(side.place) for side in sides]
