@@ -145,11 +145,15 @@ class Friction(TermWithMemory):
         own = motion.pose[self.contact.point_frames(tree)]
         other = self._partner(tree, motion.pose, now.partner, jnp.eye(4))
         slip, k = self.slip(tree, motion, now.force), self.stiffness(tree)
-        kept = slip.held[:, None] * slip.stretch
-        kept = kept - jnp.sum(kept * now.normal, axis=1, keepdims=True) * now.normal
+        whole = slip.held[:, None] * slip.stretch
+        # Turned with the surface, as long as before: what slipped is at the limit still.
+        flat = whole - jnp.sum(whole * now.normal, axis=1, keepdims=True) * now.normal
+        length, left = (jnp.sqrt(jnp.sum(v**2, axis=1) + 1e-40) for v in (whole, flat))
+        across = left < 1e-6 * length  # the surface's new normal
+        kept = flat * jnp.where(across, 0.0, length / left)[:, None]
         bound = self.coefficient * now.force
         slid = slip.length * (1 - slip.held)
-        lost = 0.5 * k * ((slip.held * slip.length) ** 2 - jnp.sum(kept**2, axis=1))
+        lost = jnp.where(across, 0.5 * k * length**2, 0.0)
         return Held(
             lever=_turned_back(own, now.place - own[:, :3, 3]),
             anchor=_turned_back(other, now.place - kept - other[:, :3, 3]),
