@@ -185,6 +185,36 @@ def test_friction_goes_on_from_one_link_to_the_next() -> None:
     assert (partners[0] != partners[-1]).any()
 
 
+def test_what_slips_around_a_drum_goes_on_to_slip() -> None:
+    """At the end of each step the surface has turned by a degree; at that pose the force is μ N still, and
+    the point at its limit, so that Newton's method goes on with a force of given size."""
+    across = lie.exp(jnp.array([0.0, 0.0, np.pi / 2, 0.0, 0.0, 0.0]))
+    drum = Link("drum", 0.1, np.zeros((1, 3)), mount=lie.translation(jnp.array([0.0, -0.05, 0.0])) @ across)
+    arm = Link("arm", 0.0, np.zeros((1, 3)), joint=Revolute((0.0, 1.0, 0.0)))
+    block = Link(
+        "block", 0.02, np.zeros((1, 3)), parent="arm", mount=lie.translation(jnp.array([-0.01, 0.0, 0.0249]))
+    )
+    on_arm = Solids((("block", 0),), np.array([0.02]), np.full((1, 2), 0.005))
+    round_it = Solids((("drum", 0),), np.array([0.1]), np.full((1, 2), 0.02))
+    contact = RigidContact(on_arm, round_it, np.array(STIFFNESS))
+    bodies = (drum, arm, block)
+    robot = Robot(bodies, (contact, friction(contact, MU, Tree(bodies))))
+    for angle in np.deg2rad(np.arange(20.0)):
+        motion = walk(robot, jnp.array([angle]))
+        term = robot.terms[1]
+        assert isinstance(term, Friction)
+        push = contact.pressing(robot, motion).force
+        before = np.linalg.norm(term.forces(robot, motion), axis=1)
+        robot = robot.with_memories(robot.remember(motion, jnp.zeros(0)))
+        term = robot.terms[1]
+        assert isinstance(term, Friction)
+        if angle > 0:
+            np.testing.assert_allclose(before, MU * push, rtol=1e-9)
+            np.testing.assert_allclose(np.linalg.norm(term.forces(robot, motion), axis=1), before, rtol=1e-9)
+            assert (np.asarray(term.slip(robot, motion, push).held) < 1).all()
+    assert push[0] == pytest.approx(STIFFNESS * 1e-4, rel=0.01)
+
+
 def test_a_belt_on_a_drum_holds_by_the_power_of_its_angle() -> None:
     """T₁/T₀ = exp(μ θ R/(R + r)) for a belt of radius r whose friction acts on the drum's surface, radius R.
 

@@ -244,6 +244,17 @@ def _needed(
 
     every = -1  # of what nobody has asked for yet
     need = [every] * len(op)
+    shared: dict[int, int] = {}
+
+    def ask(value: int, only: int) -> None:
+        """Numbers of thousands of bits are kept once for all values that have the same."""
+        before = need[value]
+        if before == every:
+            need[value] = shared.setdefault(only, only)
+        elif before is not only and before:
+            both = before & only
+            need[value] = shared.setdefault(both, both)
+
     for i, only in kept.items():
         need[i] = 0
         for condition in only:
@@ -252,23 +263,23 @@ def _needed(
         only = need[i]
         if only == every:
             only = 0  # a choice of no use any more
-        elif i in bit:
+        elif i in bit and only & bit[i]:
             only &= ~bit[i]
         need[i] = only
         operands = args[i]
         if i in additions:
             always, within = additions[i].to, only | bits_of(additions[i].condition)
             for a in operands:
-                need[a] &= only if a == always else within
-            need[additions[i].condition] &= only
+                ask(a, only if a == always else within)
+            ask(additions[i].condition, only)
         elif op[i] == Op.SELECT and operands.count(operands[1]) == 1:
             condition, chosen, other = operands
-            need[condition] &= only
-            need[chosen] &= only | bits_of(condition)
-            need[other] &= only
+            ask(condition, only)
+            ask(chosen, only | bits_of(condition))
+            ask(other, only)
         else:
             for a in operands:
-                need[a] &= only
+                ask(a, only)
     return conditions, need
 
 
