@@ -104,7 +104,7 @@ def bounds_and_errors(found: Mapping[str, Any]) -> Figure:
             ax.semilogx(sizes, share, line, color=colour, label=label)
         ax.set(title=f"{name}, where it is not 0", xlabel="force [mN]", xlim=(0.01, 100))
     figure.axes[0].set_ylabel("share of the frames [%]")
-    figure.axes[0].legend(loc="upper left")
+    figure.axes[0].legend(loc="lower right")
     return figure
 
 
