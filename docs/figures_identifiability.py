@@ -16,7 +16,7 @@ from jaxtyping import Float
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from exosight.evaluation.figures.style import BLUE, VERMILION, new_figure, styled
+from exosight.evaluation.figures.style import BLUE, VERMILION, legend_above, new_figure, styled
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.published import PublishedDesigns
 from exosight.exosuit.shapes import TABLE_I, ExosuitShape, Linear, Sine
@@ -104,7 +104,7 @@ def bounds_and_errors(found: Mapping[str, Any]) -> Figure:
             ax.semilogx(sizes, share, line, color=colour, label=label)
         ax.set(title=f"{name}, where it is not 0", xlabel="force [mN]", xlim=(0.01, 100))
     figure.axes[0].set_ylabel("share of the frames [%]")
-    figure.axes[0].legend(loc="lower right")
+    legend_above(figure, *figure.axes[0].get_legend_handles_labels())
     return figure
 
 

@@ -129,14 +129,6 @@ class Tube(eqx.Module):
         own = tree.frame_slice(self.rod)
         return np.arange(own.start, own.stop)
 
-    def lengths(self, tree: Tree) -> Float[AnyArray, " points"]:
-        """The length of tube that each point stands for, its round end with the last one [m]."""
-        rod = tree[self.rod]
-        assert isinstance(rod, Rod)
-        last = np.zeros(rod.frames)
-        last[-1] = TIP
-        return rod.weights() + last * self.radius
-
     def samples(self, tree: Tree, each: float) -> Samples:
         """Places for contact whose patch may be shorter than the distance of the rod's points.
 
