@@ -11,8 +11,8 @@ is as smooth as the curve wherever the closest place t is unique. With n = (p �
 of f is n · (δp − δc) at fixed t, and the second one follows from that of t, f_tt δt = −δf_t.
 
 A rod touches itself between places further apart along it than FAR times the sum of their radii; each place
-looks towards the tip, where a rod that curls up is convex as seen from its base. Only places are searched
-from whose piece of the first tube lies in a ball that meets one of the second tube's.
+looks towards the tip, where a rod that curls up is convex as seen from its base. Places are searched only
+on pieces of the first tube that lie in a ball close to one around a piece of the second tube.
 """
 
 from typing import NamedTuple
@@ -255,10 +255,7 @@ class TubeContact(Term):
         """At the poses of both tubes' points."""
         samples = self.samples(tree)
         place = jnp.sum(samples.levers(points), axis=1)
-        allowed = self._candidates(
-            tree, samples.piece, samples.lumping.T @ self._lengthwise(tree), samples.radius
-        )
-        found = self._closest(tree, place, samples.radius, *allowed, nodes)
+        found = self._closest(tree, place, samples.radius, *self._candidates_of_samples(tree), nodes)
         apart, touching = self._apart(tree, points, nodes)
         reached = (apart < MARGIN * touching)[samples.piece]
         return found._replace(overlap=jnp.where(reached, found.overlap, -NOWHERE))
@@ -276,9 +273,7 @@ class TubeContact(Term):
             longest = rod.length * np.diff(rod.quadrature.points).max()
             return jnp.max(jnp.asarray(tube.radius)) + HALF * longest
 
-        far, _ = self._candidates(
-            tree, samples.piece, samples.lumping.T @ self._lengthwise(tree), samples.radius
-        )
+        far, _ = self._candidates_of_samples(tree)
         # With the nodes of its end that samples of a piece may touch.
         may = (samples.of_piece @ jnp.where(far, 1.0, 0.0))[:, 1:] > 0
         apart = _middles(points[:, :3, 3])[:, None] - _middles(nodes[:, :3, 3])
@@ -341,6 +336,13 @@ class TubeContact(Term):
         rod = tree[self.first.rod]
         assert isinstance(rod, Rod)
         return rod.length * rod.quadrature.points
+
+    def _candidates_of_samples(
+        self, tree: Tree
+    ) -> tuple[Bool[AnyArray, "samples nodes"], Bool[np.ndarray, "samples nodes"]]:
+        samples = self.samples(tree)
+        along = samples.lumping.T @ self._lengthwise(tree)
+        return self._candidates(tree, samples.piece, along, samples.radius)
 
     def _candidates(
         self,

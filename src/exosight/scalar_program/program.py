@@ -82,10 +82,7 @@ def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
         arranged = arrange(op, args, graph.known, own[number], kept, one)
         results = [*stage.results, *sorted(handing)]
         made.append(_allocated(graph, op, args, arranged, [*handed[number], *stage.arguments], results))
-        handing = {
-            a: frozenset(c for c in arranged.handed[a] if c < len(level) and level[c] < number)
-            for a in handed[number]
-        }
+        handing = {a: frozenset(c for c in arranged.handed[a] if level[c] < number) for a in handed[number]}
     return made[::-1]
 
 
