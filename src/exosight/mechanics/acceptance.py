@@ -194,7 +194,8 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
     dt = state.t - anchor.t
     change = point.q - anchor.q
     by_load = point.response @ segment.span
-    like = ~branch.unlike(metric, change, anchor.tangent * dt, by_load * dt, point.q)
+    most = branch.UNLIKE_WITH_MEMORY if state.memories else branch.UNLIKE
+    like = ~branch.unlike(metric, change, anchor.tangent * dt, by_load * dt, point.q, most)
     solved = point.bordered
     correction = jnp.where(along, solved.q, point.newton)
     if state.memories:
@@ -205,7 +206,7 @@ def judge(state: ContinuationState, problem: Problem, segment: Segment, point: P
     settled = (point.converged | (near & (state.t < 1))) & point.stable
     # … and along the branch.
     unit = anchor.tangent / jnp.maximum(metric.size(anchor.tangent), 1e-300)
-    alike = ~branch.unlike(metric, change, unit * state.s, solved.dq * state.s, point.q)
+    alike = ~branch.unlike(metric, change, unit * state.s, solved.dq * state.s, point.q, most)
     tangent = jnp.where(along, solved.dq, by_load)
     circling, corner = _two_cycle(state, metric, correction, tangent, jnp.where(along, state.s, dt))
 

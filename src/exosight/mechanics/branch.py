@@ -16,9 +16,16 @@ from exosight.arrays import AnyArray
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.term import Memories
 
-UNLIKE = 0.05, 5e-5
-"""How far a smooth change may lie from what the tangents at both ends lead to: relative to the larger of
-these two, and to the pose itself."""
+UNLIKE = 0.05
+"""How far a smooth change may lie from what the tangents at both ends lead to, relative to the larger of
+these two …"""
+
+UNLIKE_WITH_MEMORY = 0.3
+"""… of robots with friction, whose points begin to slip and stick one after the other on the way. With 1, work
+and losses of exosuits no longer agreed to 1e-6 in steps of 2.5 mN; with 0.05, most ends of branches were none."""
+
+UNLIKE_AT_ALL = 5e-5
+"""The same, relative to the pose itself."""
 
 SMOOTH = 0.3
 """How far a curve may lie from the mean of the tangents at its ends, relative to half of their difference."""
@@ -82,19 +89,21 @@ def unlike(
     leaving: Float[AnyArray, " dofs"],
     arriving: Float[AnyArray, " dofs"],
     pose: Float[AnyArray, " dofs"],
+    relative: float,
 ) -> Bool[AnyArray, ""]:
     """Whether a change of pose is not what the tangents at its two ends lead to.
 
     A smooth one lies near the segment between them, also where contacts open or close on the way and the
     tangent jumps.
+
+    relative   UNLIKE
     """
     span = arriving - leaving
     weighed = metric.times(span)
     along = jnp.clip((moved - leaving) @ weighed / jnp.maximum(span @ weighed, 1e-300), 0, 1)
     largest = jnp.maximum(metric.size(leaving), metric.size(arriving))
-    relative, absolute = UNLIKE
     off = metric.size(moved - leaving - along * span)
-    return ~(off <= relative * largest + absolute * metric.size(pose))
+    return ~(off <= relative * largest + UNLIKE_AT_ALL * metric.size(pose))
 
 
 def curvature(
