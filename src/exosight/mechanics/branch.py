@@ -21,8 +21,9 @@ UNLIKE = 0.05
 these two …"""
 
 UNLIKE_WITH_MEMORY = 0.3
-"""… of robots with friction, whose points begin to slip and stick one after the other on the way. With 1, work
-and losses of exosuits no longer agreed to 1e-6 in steps of 2.5 mN; with 0.05, most ends of branches were none."""
+"""… of robots with friction, whose points begin to slip and stick one after the other on the way. With 1,
+work and losses of exosuits do not agree to 1e-6 in steps of 2.5 mN; with 0.05, most ends of branches that are
+found are none."""
 
 UNLIKE_AT_ALL = 5e-5
 """The same, relative to the pose itself."""
