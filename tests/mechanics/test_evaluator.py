@@ -13,8 +13,8 @@ import pytest
 
 from exosight.exosuit.assembly import Exosuit, assemble
 from exosight.mechanics import Configuration, Robot, SolverOptions, Term, drive, stack
-from exosight.mechanics.evaluator import Evaluator, by_program, by_xla, program_of
-from exosight.scalar_program import interpreter
+from exosight.mechanics.evaluator import Evaluator, by_program, by_xla, program_of, solve_signed
+from exosight.scalar_program import call_unrolled, interpreter
 from exosight.system.build import build
 from exosight.system.file import describe, read_system_file
 
@@ -117,6 +117,33 @@ def test_what_cannot_be_unrolled_is_left_to_xla(chain: Robot, evaluate: Callable
     at_rest, moved = (evaluate(robots[0], share * found.q[0, 0], np.zeros(1))[0] for share in (1.0, 0.9))
     # In balance by the same energy without the loop: solved to 1e-10 of the pose in the elastic norm.
     assert np.abs(at_rest.gradient).max() < 1e-8 * np.abs(moved.gradient).max()
+
+
+@pytest.mark.parametrize("skew", [0.0, 1.0])
+@pytest.mark.parametrize("lowered", [0.0, 3.0])
+def test_solutions_with_the_sign_of_the_determinant(skew: float, lowered: float) -> None:
+    """As NumPy has them: a positive definite symmetric part, with and without an eigenvalue made negative."""
+    rng = np.random.default_rng(7)
+    for _ in range(20):
+        spread, turning, v, right = (rng.normal(size=(12, n)) for n in (12, 12, 1, 3))
+        matrix = spread @ spread.T / 12 + np.eye(12) + skew * (turning - turning.T)
+        matrix -= lowered * np.trace(matrix) / 12 * v @ v.T / (v.T @ v)
+        for solved, sign in (solve_signed(matrix, right), jax.jit(by_programs)(matrix, right)):
+            assert sign == np.sign(np.linalg.det(matrix))
+            bound = 1e-12 * np.linalg.cond(matrix) * np.abs(right).max()
+            np.testing.assert_allclose(matrix @ solved, right, rtol=0, atol=bound)
+
+
+def test_no_sign_without_a_pivot() -> None:
+    """A row of zeros has no solution."""
+    matrix = np.diag([1.0, 0.0, 2.0])
+    assert solve_signed(matrix, np.ones((3, 1)))[1] == 0
+    assert jax.jit(by_programs)(matrix, np.ones((3, 1)))[1] == 0
+
+
+def by_programs(matrix: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """`solve_signed` as programs do it."""
+    return call_unrolled(solve_signed, matrix, right)
 
 
 def test_paths_are_the_same() -> None:

@@ -3,14 +3,13 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax.scipy.linalg import lu_factor, lu_solve
 from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics import branch
 from exosight.mechanics.continuation_state import ALONG, TO_LOAD, ContinuationState
 from exosight.mechanics.energy import Evaluation
-from exosight.mechanics.evaluator import solve_definite
+from exosight.mechanics.evaluator import solve_definite, solve_signed
 from exosight.mechanics.metric import Metric
 
 LONGEST = 0.06
@@ -155,10 +154,7 @@ def _factorised(
         solved, definite = solve_definite(matrix, right)
         return solved, jnp.where(definite, 1.0, 0.0)
     # The flow turns away where a real eigenvalue becomes negative.
-    lu, pivots = lu_factor(matrix)
-    swaps = jnp.sum(pivots != jnp.arange(len(matrix)))
-    odd = (swaps + jnp.sum(jnp.diag(lu) < 0)) % 2
-    return lu_solve((lu, pivots), right), jnp.where(jnp.all(jnp.isfinite(lu)), 1.0 - 2 * odd, 0.0)
+    return solve_signed(matrix, right)
 
 
 class Verdict(NamedTuple):

@@ -109,6 +109,30 @@ def solve_definite(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
     return cho_solve((factor, True), right), jnp.isfinite(last) & (last > 0)
 
 
+def solve_signed(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
+    """matrix⁻¹ right, and the sign of det matrix, 0 where it has no solution that is of use.
+
+    By elimination without exchanging rows, of which programs can be made. That of a matrix whose symmetric
+    part is positive definite needs no exchange. Source: Golub and Van Loan, Matrix Computations, section 4.3.2.
+    """
+    count = len(matrix)
+    left = jnp.concatenate([matrix, right], axis=1)
+    rows = []
+    for _ in range(count):
+        row = left[0] / left[0, 0]
+        rows.append((left[0, 0], row[1:]))
+        left = left[1:, 1:] - left[1:, :1] * row[1:]
+    solved: list[Array] = []
+    for at, (_, row) in zip(range(count)[::-1], rows[::-1], strict=True):
+        known = row[count - 1 - at :]
+        if solved:
+            known = known - row[: count - 1 - at] @ jnp.stack(solved[::-1])
+        solved.append(known)
+    pivots = jnp.stack([pivot for pivot, _ in rows])
+    whole = jnp.all(jnp.isfinite(pivots)) & jnp.all(pivots != 0)
+    return jnp.stack(solved[::-1]), jnp.where(whole, jnp.prod(jnp.sign(pivots)), 0.0)
+
+
 def _step_fraction(robot: Robot, motion: Motion, step: Float[Array, " dofs"]) -> Float[Array, ""]:
     fractions = [term.max_step_fraction(robot, motion, step) for term in robot.terms]
     return jnp.min(jnp.stack([jnp.array(1e30), *fractions]))
