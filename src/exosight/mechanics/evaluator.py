@@ -112,8 +112,8 @@ def solve_definite(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
 def solve_signed(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
     """matrix⁻¹ right, and the sign of det matrix, 0 where it has no solution that is of use.
 
-    By elimination without exchanging rows, of which programs can be made. That of a matrix whose symmetric
-    part is positive definite needs no exchange. Source: Golub and Van Loan, Matrix Computations, section 4.3.2.
+    By elimination without exchanging rows, of which programs can be made; a matrix whose symmetric part is
+    positive definite needs no exchange. Source: Golub and Van Loan, Matrix Computations, section 4.3.2.
     """
     count = len(matrix)
     left = jnp.concatenate([matrix, right], axis=1)
