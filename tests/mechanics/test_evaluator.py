@@ -31,7 +31,7 @@ def both(robot: Robot, q: np.ndarray, loads: np.ndarray, step: np.ndarray) -> li
     assert program is not None
 
     def run(evaluator: Evaluator, q: jax.Array, loads: jax.Array, step: jax.Array) -> list:
-        found, _, pose = evaluator.evaluate(q, loads, ())
+        (_, _, _, found), pose = evaluator.evaluate(q, loads, (), jnp.array(jnp.inf))
         return [*jax.tree.leaves(found), evaluator.step_fraction(pose, step)]
 
     def of(make: Any) -> list[np.ndarray]:
@@ -163,7 +163,11 @@ def hessian() -> tuple[Robot, np.ndarray, np.ndarray]:
     """Of an exosuit at one pose, by XLA."""
     robot = stack([assemble(Exosuit())])
     q = np.random.default_rng(1).normal(size=(1, robot.dofs)) * 0.1
-    found = jax.jit(jax.vmap(lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1), ())[0].hessian))
+    found = jax.jit(
+        jax.vmap(
+            lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1), (), jnp.array(jnp.inf))[0].here.hessian
+        )
+    )
     return robot, q, np.asarray(found(robot, q))
 
 
@@ -189,7 +193,7 @@ def test_other_processors(
     assert program is not None
 
     def energy(robot: Robot, q: jax.Array) -> jax.Array:
-        return by_program(program, robot).evaluate(q, jnp.ones(1), ())[0].hessian
+        return by_program(program, robot).evaluate(q, jnp.ones(1), (), jnp.array(jnp.inf))[0].here.hessian
 
     found = jax.jit(jax.vmap(energy))(batch, q)
     np.testing.assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max())

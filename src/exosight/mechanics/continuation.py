@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics import branch, descent
@@ -30,7 +30,7 @@ from exosight.mechanics.continuation_records import Entry, entry_of, recorded
 from exosight.mechanics.continuation_state import ALONG, DESCEND, ContinuationState
 from exosight.mechanics.descent import Descent
 from exosight.mechanics.energy import Evaluation
-from exosight.mechanics.evaluator import Evaluator, Solve
+from exosight.mechanics.evaluator import Evaluator, Reached, Solve
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.next_trial import Directions, next_trial
 from exosight.mechanics.robot import Robot
@@ -55,10 +55,11 @@ def stepper(
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
         now = state._replace(records=None)
-        there, remembered, pose = evaluator.evaluate(
-            jnp.asarray(state.q), jnp.asarray(segment.load(state.t)), state.memories
+        reached, pose = evaluator.evaluate(
+            jnp.asarray(state.q), jnp.asarray(segment.load(state.t)), state.memories, _least(state)
         )
-        seen = evaluator.call(_assessed(robot.conservative), limits, segment, now, there)
+        there, remembered = reached.here, reached.memories
+        seen = evaluator.call(_assessed(robot.conservative), limits, segment, now, there, reached.gradient)
         before, descending, arrived = state.descent.here, state.phase == DESCEND, seen.verdict.arrived
         kept = _chosen(seen.accepted, _matrices(there), _matrices(before))  # of the descent
         hessian, coupling = _chosen(descending, kept, _matrices(there))  # of the point
@@ -69,7 +70,15 @@ def stepper(
         now = now._replace(descent=now.descent._replace(here=_without_matrices(before)))
         taken = _dissipated(robot, remembered) - _dissipated(robot, now.anchor.memories)
         now, entry = evaluator.call(
-            _advanced(robot.conservative), limits, segment, now, remembered, seen, flow, free, taken
+            _advanced(robot.conservative),
+            limits,
+            segment,
+            now,
+            reached._replace(here=None),
+            seen,
+            flow,
+            free,
+            taken,
         )
         here = now.descent.here._replace(hessian=kept[0], coupling=kept[1])
         jacobian = hessian if coupling is None else hessian + coupling
@@ -77,6 +86,12 @@ def stepper(
         return now._replace(descent=now.descent._replace(here=here), records=records)
 
     return step
+
+
+def _least(state: ContinuationState) -> Array:
+    """A descent with friction goes in steps, each of which ends where it leads to unless it is the last one."""
+    going = (state.phase == DESCEND) & ~state.descent.fresh
+    return jnp.where(going, jnp.where(state.descent.convex, descent.NEAR, 0.0), jnp.inf)
 
 
 def _dissipated(robot: Robot, memories: Memories) -> AnyArray:
@@ -124,12 +139,20 @@ class Seen(NamedTuple):
 def _assessed(conservative: bool) -> Callable[..., Seen]:
     """The function that judges a trial point, for robots whose forces all have a potential or not."""
 
-    def assess(limits: tuple, segment: Segment, state: ContinuationState, there: Evaluation) -> Seen:
+    def assess(
+        limits: tuple,
+        segment: Segment,
+        state: ContinuationState,
+        there: Evaluation,
+        arriving: Float[AnyArray, " dofs"],
+    ) -> Seen:
         problem = _problem(conservative, limits)
         metric = problem.metric
-        residual = metric.force(there.gradient) / (metric.size(state.q) + metric.unit)
+        residual = metric.residual(state.q, there.gradient)
         descending = state.phase == DESCEND
-        moved, accepted = descent.accept(state.descent, metric, state.q, there, residual, conservative)
+        moved, accepted = descent.accept(
+            state.descent, metric, state.q, there, arriving, residual, conservative
+        )
         q, here, residual = jax.tree.map(
             lambda a, b: jnp.where(descending, a, b),
             (moved.q, moved.here, moved.residual),
@@ -158,7 +181,7 @@ def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entr
         limits: tuple,
         segment: Segment,
         state: ContinuationState,
-        remembered: Memories,
+        reached: Reached,
         seen: Seen,
         flow: Flow,
         free: Float[AnyArray, ""],
@@ -167,16 +190,13 @@ def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entr
         problem = _problem(conservative, limits)
         point, verdict, moved = seen.point, seen.verdict, seen.moved
         by_t = segment.span @ point.here.load_gradient
-        going = (state.phase == DESCEND) & seen.accepted & ~state.descent.fresh & ~descent.near_rest(moved)
-        moved_on = verdict.arrived | going
+        moved_on = verdict.arrived | (reached.ended & seen.accepted)
         memories = tuple(
-            jnp.where(moved_on, new, old) for new, old in zip(remembered, state.memories, strict=True)
+            jnp.where(moved_on, new, old) for new, old in zip(reached.memories, state.memories, strict=True)
         )
         state = state._replace(memories=memories)
         state, entry = _settle(state, problem, segment, point, verdict, moved, seen.tangent, taken)
-        # What is remembered changes the forces of a descent, so they are found again at the same pose.
-        again = going if remembered else jnp.array(False)
-        ways = Directions(seen.correction, *flow, seen.accepted, free, by_t, again)
+        ways = Directions(seen.correction, *flow, seen.accepted, free, by_t)
         return next_trial(state, problem, point, verdict, ways), entry
 
     return advance

@@ -56,13 +56,17 @@ def accept(
     metric: Metric,
     trial: Float[AnyArray, " dofs"],
     there: Evaluation,
+    arriving: Float[AnyArray, " dofs"],
     residual: Float[AnyArray, ""],
     conservative: bool,
 ) -> tuple[Descent, Bool[AnyArray, ""]]:
-    """The descent at the trial point if that is lower, with its trust radius adapted; and whether it is."""
+    """The descent at the trial point if that is lower, with its trust radius adapted; and whether it is.
+
+    arriving   ∇Π of the step that leads there
+    """
     change = there.energy - descent.here.energy
     if there.coupling is not None:  # friction has no energy that could be compared: its work is
-        change = 0.5 * (descent.here.gradient + there.gradient) @ (trial - descent.q)
+        change = 0.5 * (descent.here.gradient + arriving) @ (trial - descent.q)
     fraction = descent.fraction
     model = fraction * descent.slope + 0.5 * fraction**2 * descent.curvature
     # Where the change of energy drowns in round-off, the residual decides; on the way from a saddle it grows.

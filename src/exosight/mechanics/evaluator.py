@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation, potential
 from exosight.mechanics.kinematics import Motion
+from exosight.mechanics.metric import Metric
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.term import Memories
 from exosight.scalar_program import Unrolled, Unsupported, call_unrolled, unroll
@@ -27,18 +28,33 @@ Solve: TypeAlias = Callable[
 """(symmetric matrix, right sides) -> (solutions, whether it is positive definite; else they mean nothing)."""
 
 
+class Reached(NamedTuple):
+    """What a step leads to.
+
+    gradient   ∇Π of the step
+    memories   what the terms remember if it ends there
+    ended      whether it does
+    here       Π with its derivatives, of the next step if so
+    """
+
+    gradient: Float[Array, " dofs"]
+    memories: Memories
+    ended: Bool[Array, ""]
+    here: Evaluation
+
+
 class Evaluator(NamedTuple):
     """The energy of one robot.
 
-    evaluate       (q, loads, memories) -> Π with its derivatives, the memories if a step ends there, and
-                   what `step_fraction` needs of that pose
+    evaluate       (q, loads, memories, least) -> what a step leads to that ends there if its residual is
+                   at least so large, and what `step_fraction` needs of that pose
     step_fraction  (that, step) -> how much of a step from there the expansion holds for
     solve          `solve_definite`
     call           (function, arguments) -> its results; a function of arrays that is the same for many robots
     """
 
     evaluate: Callable[
-        [Float[Array, " dofs"], Float[Array, " channels"], Memories], tuple[Evaluation, Memories, Any]
+        [Float[Array, " dofs"], Float[Array, " channels"], Memories, Float[Array, ""]], tuple[Reached, Any]
     ]
     step_fraction: Callable[[Any, Float[Array, " dofs"]], Float[Array, ""]]
     solve: Solve
@@ -47,12 +63,13 @@ class Evaluator(NamedTuple):
 
 def by_xla(robot: Robot) -> Evaluator:
     """As JAX compiles it."""
-    same = potential(robot)  # what depends on the design alone is computed once
+    same, metric = potential(robot), Metric.of(robot)  # what depends on the design alone is computed once
 
-    def evaluate(q: Array, loads: Array, memories: Memories) -> tuple[Evaluation, Memories, Motion]:
-        now = robot.with_memories(memories)
-        found, motion = (potential(now) if memories else same)(q, loads)
-        return found, now.remember(motion, loads), motion
+    def evaluate(q: Array, loads: Array, memories: Memories, least: Array) -> tuple[Reached, Motion]:
+        if memories:
+            return _reached(robot, metric, q, loads, memories, least)
+        found, motion = same(q, loads)
+        return Reached(found.gradient, (), jnp.array(False), found), motion
 
     return Evaluator(
         evaluate,
@@ -66,9 +83,9 @@ def by_program(program: Unrolled, robot: Robot) -> Evaluator:
     """As a program of its structure."""
     _, design = program(0, None, jax.tree.leaves(robot))
 
-    def evaluate(q: Array, loads: Array, memories: Memories) -> tuple[Evaluation, Memories, Any]:
-        (found, remembered), pose = program(1, design, (q, loads, memories))
-        return found, remembered, pose
+    def evaluate(q: Array, loads: Array, memories: Memories, least: Array) -> tuple[Reached, Any]:
+        found, pose = program(1, design, (q, loads, memories, least))
+        return found, pose
 
     def solve(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
         return call_unrolled(solve_definite, matrix, right)
@@ -86,16 +103,16 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
         return None
 
     def function(
-        leaves: list[Array], at: tuple[Array, Array, Memories], step: tuple[Array]
-    ) -> tuple[tuple, tuple[Evaluation, Memories], Array]:
-        robot = jax.tree.unflatten(structure, leaves).with_memories(at[2])
-        found, motion = potential(robot)(*at[:2])
-        return (), (found, robot.remember(motion, at[1])), _step_fraction(robot, motion, *step)
+        leaves: list[Array], at: tuple[Array, Array, Memories, Array], step: tuple[Array]
+    ) -> tuple[tuple, Reached, Array]:
+        robot = jax.tree.unflatten(structure, leaves)
+        reached, motion = _reached(robot, Metric.of(robot), *at)
+        return (), reached, _step_fraction(robot, motion, *step)
 
     leaves = [np.zeros(shape) for shape in shapes]
     robot = jax.tree.unflatten(structure, leaves)
     q = np.zeros(robot.dofs)
-    arguments = [leaves, (q, np.zeros(channels), robot.memories), (q,)]
+    arguments = [leaves, (q, np.zeros(channels), robot.memories, np.zeros(())), (q,)]
     try:
         return unroll(function, arguments)
     except Unsupported:
@@ -107,6 +124,22 @@ def solve_definite(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
     factor = jnp.linalg.cholesky(matrix, symmetrize_input=False)
     last = factor[-1, -1]  # not a number if a pivot before was not positive
     return cho_solve((factor, True), right), jnp.isfinite(last) & (last > 0)
+
+
+def _reached(
+    robot: Robot, metric: Metric, q: Array, loads: Array, memories: Memories, least: Array
+) -> tuple[Reached, Motion]:
+    """As `Evaluator.evaluate`; what the two energies have in common is compiled once."""
+    robot = robot.with_memories(memories)
+    found, motion = potential(robot)(q, loads)
+    remembered = robot.remember(motion, loads)
+    if not memories:
+        return Reached(found.gradient, remembered, jnp.array(False), found), motion
+    ended = metric.residual(q, found.gradient) >= least
+    now = tuple(jnp.where(ended, new, old) for new, old in zip(remembered, memories, strict=True))
+    return Reached(
+        found.gradient, remembered, ended, potential(robot.with_memories(now))(q, loads)[0]
+    ), motion
 
 
 def solve_signed(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:

@@ -51,6 +51,10 @@ class Metric(NamedTuple):
         """|∇Π|, with |∇Π|² = ∇Πᵀ M⁻¹ ∇Π."""
         return jnp.linalg.norm(solve_triangular(self.factor, gradient, lower=True))
 
+    def residual(self, q: Float[AnyArray, " dofs"], gradient: Float[AnyArray, " dofs"]) -> Float[Array, ""]:
+        """|∇Π| relative to the pose."""
+        return self.force(gradient) / (self.size(q) + self.unit)
+
     def range(self, q: Float[AnyArray, " dofs"]) -> Float[Array, ""]:
         """The length that steps from q are measured by: that of the pose, or of a strain or angle of 0.2."""
         return self.size(q) + 20 * self.unit

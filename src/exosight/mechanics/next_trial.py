@@ -39,7 +39,6 @@ class Directions(NamedTuple):
                  accepted
     free         how much of the direction taken from here (the tangent, if arrived) before a gap closes
     by_t         ∂∇Π/∂t
-    again        a descent is to be evaluated at the same pose again
     """
 
     correction: Float[AnyArray, " dofs"]
@@ -49,7 +48,6 @@ class Directions(NamedTuple):
     accepted: Bool[AnyArray, ""]
     free: Float[AnyArray, ""]
     by_t: Float[AnyArray, " dofs"]
-    again: Bool[AnyArray, ""]
 
 
 class Plan(NamedTuple):
@@ -124,9 +122,7 @@ def next_trial(
             jnp.where(verdict.passed, back, anchor.ahead(metric, onwards)[0]),
             jnp.where(plan.from_end, look.q, anchor.ahead(metric, length)[0]),
             anchor.q + anchor.tangent * jnp.minimum(push / speed, anchor.reach),
-            jnp.where(
-                state.phase == DESCEND, walk.q + jnp.where(walk.fresh, 0.0, walk.fraction) * walk.step, newton
-            ),
+            jnp.where(state.phase == DESCEND, walk.q + walk.fraction * walk.step, newton),
         ),
         t=choose(goal, jnp.where(plan.from_end, look.t, anchor.t + length), plan.past, bordered_t),
         s=jnp.where(plan.along, plan.s, state.s),
@@ -234,6 +230,6 @@ def _walk(walk: Descent, point: Point, plan: Plan, ways: Directions, radius: Flo
         slope=walk.here.gradient @ step,
         curvature=jnp.where(ways.accepted, ways.curvature, walk.curvature),
         shift=jnp.where(ways.accepted, ways.shift, walk.shift),
-        fresh=plan.descend | ways.again,
+        fresh=plan.descend,
         radius=jnp.where(plan.descend, radius, walk.radius),
     )
