@@ -21,6 +21,9 @@ from exosight.system.file import describe, read_system_file
 SAME = 1e-12
 """Relative to the largest number of its kind: some thousand sums of round-off 1e-16."""
 
+NEVER = jnp.array(jnp.inf)
+"""No step ends that is evaluated."""
+
 SYSTEMS = Path(__file__).parents[2] / "examples" / "systems"
 
 
@@ -31,7 +34,7 @@ def both(robot: Robot, q: np.ndarray, loads: np.ndarray, step: np.ndarray) -> li
     assert program is not None
 
     def run(evaluator: Evaluator, q: jax.Array, loads: jax.Array, step: jax.Array) -> list:
-        (_, _, _, found), pose = evaluator.evaluate(q, loads, (), jnp.array(jnp.inf))
+        (_, _, _, found), pose = evaluator.evaluate(q, loads, (), NEVER)
         return [*jax.tree.leaves(found), evaluator.step_fraction(pose, step)]
 
     def of(make: Any) -> list[np.ndarray]:
@@ -164,9 +167,7 @@ def hessian() -> tuple[Robot, np.ndarray, np.ndarray]:
     robot = stack([assemble(Exosuit())])
     q = np.random.default_rng(1).normal(size=(1, robot.dofs)) * 0.1
     found = jax.jit(
-        jax.vmap(
-            lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1), (), jnp.array(jnp.inf))[0].here.hessian
-        )
+        jax.vmap(lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1), (), NEVER)[0].here.hessian)
     )
     return robot, q, np.asarray(found(robot, q))
 
@@ -193,7 +194,7 @@ def test_other_processors(
     assert program is not None
 
     def energy(robot: Robot, q: jax.Array) -> jax.Array:
-        return by_program(program, robot).evaluate(q, jnp.ones(1), (), jnp.array(jnp.inf))[0].here.hessian
+        return by_program(program, robot).evaluate(q, jnp.ones(1), (), NEVER)[0].here.hessian
 
     found = jax.jit(jax.vmap(energy))(batch, q)
     np.testing.assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max())

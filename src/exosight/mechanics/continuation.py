@@ -58,7 +58,7 @@ def stepper(
         reached, pose = evaluator.evaluate(
             jnp.asarray(state.q), jnp.asarray(segment.load(state.t)), state.memories, _least(state)
         )
-        there, remembered = reached.here, reached.memories
+        there = reached.here
         seen = evaluator.call(_assessed(robot.conservative), limits, segment, now, there, reached.gradient)
         before, descending, arrived = state.descent.here, state.phase == DESCEND, seen.verdict.arrived
         kept = _chosen(seen.accepted, _matrices(there), _matrices(before))  # of the descent
@@ -68,17 +68,10 @@ def stepper(
         going = jnp.where(descending, flow.step, seen.correction)
         free = evaluator.step_fraction(pose, jnp.where(arrived, seen.tangent, going))
         now = now._replace(descent=now.descent._replace(here=_without_matrices(before)))
-        taken = _dissipated(robot, remembered) - _dissipated(robot, now.anchor.memories)
+        taken = _dissipated(robot, reached.memories) - _dissipated(robot, now.anchor.memories)
+        ended: Any = reached._replace(here=None)
         now, entry = evaluator.call(
-            _advanced(robot.conservative),
-            limits,
-            segment,
-            now,
-            reached._replace(here=None),
-            seen,
-            flow,
-            free,
-            taken,
+            _advanced(robot.conservative), limits, segment, now, ended, seen, flow, free, taken
         )
         here = now.descent.here._replace(hessian=kept[0], coupling=kept[1])
         jacobian = hessian if coupling is None else hessian + coupling
@@ -89,7 +82,7 @@ def stepper(
 
 
 def _least(state: ContinuationState) -> Array:
-    """A descent with friction goes in steps, each of which ends where it leads to unless it is the last one."""
+    """The steps of a descent with friction end where they lead to, but for the last one."""
     going = (state.phase == DESCEND) & ~state.descent.fresh
     return jnp.where(going, jnp.where(state.descent.convex, descent.NEAR, 0.0), jnp.inf)
 

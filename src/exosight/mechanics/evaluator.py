@@ -137,9 +137,8 @@ def _reached(
         return Reached(found.gradient, remembered, jnp.array(False), found), motion
     ended = metric.residual(q, found.gradient) >= least
     now = tuple(jnp.where(ended, new, old) for new, old in zip(remembered, memories, strict=True))
-    return Reached(
-        found.gradient, remembered, ended, potential(robot.with_memories(now))(q, loads)[0]
-    ), motion
+    here, _ = potential(robot.with_memories(now))(q, loads)
+    return Reached(found.gradient, remembered, ended, here), motion
 
 
 def solve_signed(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
