@@ -6,6 +6,9 @@ Accuracy and data, also those of the model cards, are those of, with DATA from `
 
 index_data.json               what `generate` tells with --json
 accuracy/index.json           exosight evaluate --data DATA --json docs/results/accuracy/index.json
+accuracy/index_without_FAMILY.json
+                              the same with --model of `exosight train --data DATA --extra-data SEED1 … SEED5
+                              --protocol family --held-out FAMILY --epochs 4`, DATA of further seeds
 accuracy/index_friction.json  the same with FRICTION, index_friction.json and --model
                               src/exosight/models/index-friction.onnx
 """
@@ -34,6 +37,7 @@ PAGE, RESULT, IMAGES = HERE / "surface_contact.md", HERE / "results" / "surface_
 COLOURS = {"published": VERMILION, "index": BLUE, "index-friction": GREEN}
 LOADS = np.concatenate([np.arange(0, 81), np.arange(79, -1, -1)]) / 20
 """u [N], up and down."""
+WITHOUT = "index_without_"
 SETTLING = (control.LAW, control.LAW_IMAGE, control.OURS, control.OURS_IMAGE)
 
 
@@ -93,6 +97,17 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
         [name, *(f"{row['r exosight']:.4f}" for row in result["robustness"])]
         for name, result in networks.items()
     ]
+    families = [
+        [
+            name.removeprefix(WITHOUT).replace("_", "-"),
+            result["frames"].split()[0],
+            f"{np.mean(accuracy.of_contacts(result, 'r exosight')):.4f}",
+            *(f"{r:.4f}" for r in accuracy.of_contacts(result, "r exosight")),
+            f"{1e3 * _of_net_force(result):.1f}",
+        ]
+        for name, result in found["accuracy"].items()
+        if name.startswith(WITHOUT)
+    ]
     bench, own_data = found["bench"]["dataset"], found["index_data"]
     kept = {
         "published": (bench["frames simulated"], bench["frames kept, rendered and stored"]),
@@ -117,11 +132,18 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     return {
         "data": table_of(("system", "frames simulated", "kept", "kept [%]"), data),
         "contacts": table_of(("unseen exosuits", *accuracy.CONTACTS), contacts),
+        "families": table_of(
+            ("family held out", "test frames", "r, mean", *accuracy.CONTACTS, "RMSE of F_net [mN]"), families
+        ),
         "noise": table_of(("mean r", *accuracy.IMAGES), noise),
         "loop": table_of(
             ("controller and system", *control.PAPER, "overshoot [%]", "steady-state error [%]"), loop
         ),
     }
+
+
+def _of_net_force(result: dict[str, Any]) -> float:
+    return next(row["RMSE exosight [N]"] for row in result["contacts"] if row["contact"] == "F_net")
 
 
 def main() -> None:
