@@ -13,8 +13,9 @@ from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.index import index, index_friction
 from exosight.exosuit.published import published
+from exosight.exosuit.scenarios import sample_shapes
 from exosight.exosuit.shapes import ExosuitShape, Linear
-from exosight.mechanics import Robot, walk
+from exosight.mechanics import Robot, drive, walk
 from exosight.mechanics.friction import Held
 from exosight.system.observation import contact_forces, observe
 from exosight.system.schema import difference
@@ -110,6 +111,21 @@ def test_friction_holds_what_it_can_and_loses_energy(rough: System) -> None:
     np.testing.assert_allclose(seen.forces[12].sum(axis=0), np.asarray(on.force).sum(axis=0), atol=1e-13)
     with pytest.raises(InputError, match="history: expected 1 arrays"):
         observe(stack_systems([rough]), found.q[None, :1])
+
+
+@pytest.mark.parametrize("number", [1, 8])
+def test_points_that_slip_one_after_the_other_are_no_end_of_a_branch(number: int) -> None:
+    """These exosuits bend without a snap: what the load supplies is stored or rubbed away, to 8e-6."""
+    shape = sample_shapes(10, seed=0)[number].shape
+    found = drive([index_friction(Exosuit(shape, friction=0.3)).robot], np.linspace(0, 4, 51)[:, None])
+    assert found.converged.all()
+    assert not found.snapped.any()
+    rubbed = Held.of(jnp.asarray(found.history[0].reshape(-1, found.history[0].shape[-1]))).dissipated
+    rubbed = np.asarray(rubbed).reshape(51, -1).sum(axis=1)
+    supplied = found.supplied[0] - found.supplied[0, 0]
+    np.testing.assert_allclose(
+        found.energy[0] - found.energy[0, 0] + rubbed, supplied, rtol=0, atol=2e-5 * abs(supplied[-1])
+    )
 
 
 def test_without_a_coefficient_friction_does_nothing(path: SystemStates) -> None:
