@@ -9,6 +9,8 @@ accuracy/index.json           exosight evaluate --data DATA --json docs/results/
 accuracy/index_without_FAMILY.json
                               the same with --model of `exosight train --data DATA --extra-data SEED1 … SEED5
                               --protocol family --held-out FAMILY --epochs 4`, DATA of further seeds
+accuracy/index_quick.json     the same with data and network of `exosight train --data SEED30
+                              --extra-data SEED31 --epochs 5`
 accuracy/index_friction.json  the same with FRICTION, index_friction.json and --model
                               src/exosight/models/index-friction.onnx
 """
