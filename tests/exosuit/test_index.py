@@ -89,6 +89,12 @@ def rough() -> System:
     return index_friction(SHAPE)
 
 
+def lost_to_friction(memory: np.ndarray) -> np.ndarray:
+    """Of all points so far, at each load [J]."""
+    every = Held.of(jnp.asarray(memory.reshape(-1, memory.shape[-1]))).dissipated
+    return np.asarray(every).reshape(len(memory), -1).sum(axis=1)
+
+
 def test_friction_holds_what_it_can_and_loses_energy(rough: System) -> None:
     """Up to 2.4 N and back to 1.2 N: no more than μ of what presses, and more force on the way back."""
     way = np.concatenate([UP[:13], UP[11:5:-1]])
@@ -101,9 +107,9 @@ def test_friction_holds_what_it_can_and_loses_energy(rough: System) -> None:
     mu, (press, _) = 0.3, rough.contacts
     assert press.friction == pytest.approx(mu)
     (memory,) = found.history
-    lost = Held.of(jnp.asarray(memory.reshape(-1, memory.shape[-1]))).dissipated.reshape(len(way), -1)
-    assert (np.diff(lost.sum(axis=1)) >= -1e-15).all()
-    assert lost[-1].sum() > 1e-4
+    lost = lost_to_friction(memory)
+    assert (np.diff(lost) >= -1e-15).all()
+    assert lost[-1] > 1e-4
     robot = rough.robot.with_memories((memory[12],))
     on = forces(rough, robot, jnp.asarray(found.q[12]))["finger"]
     held = np.linalg.norm(on.part("tangential"), axis=1).sum()
@@ -120,12 +126,9 @@ def test_points_that_slip_one_after_the_other_are_no_end_of_a_branch(number: int
     found = drive([index_friction(Exosuit(shape, friction=0.3)).robot], np.linspace(0, 4, 51)[:, None])
     assert found.converged.all()
     assert not found.snapped.any()
-    rubbed = Held.of(jnp.asarray(found.history[0].reshape(-1, found.history[0].shape[-1]))).dissipated
-    rubbed = np.asarray(rubbed).reshape(51, -1).sum(axis=1)
-    supplied = found.supplied[0] - found.supplied[0, 0]
-    np.testing.assert_allclose(
-        found.energy[0] - found.energy[0, 0] + rubbed, supplied, rtol=0, atol=2e-5 * abs(supplied[-1])
-    )
+    energy, supplied = (of[0] - of[0, 0] for of in (found.energy, found.supplied))
+    kept_or_lost = energy + lost_to_friction(found.history[0][0])
+    np.testing.assert_allclose(kept_or_lost, supplied, rtol=0, atol=2e-5 * abs(supplied[-1]))
 
 
 def test_without_a_coefficient_friction_does_nothing(path: SystemStates) -> None:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics import branch, descent
@@ -55,8 +55,9 @@ def stepper(
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)
         now = state._replace(records=None)
+        least = jnp.where(state.phase == DESCEND, descent.least(state.descent), jnp.inf)
         reached, pose = evaluator.evaluate(
-            jnp.asarray(state.q), jnp.asarray(segment.load(state.t)), state.memories, _least(state)
+            jnp.asarray(state.q), jnp.asarray(segment.load(state.t)), state.memories, least
         )
         there = reached.here
         seen = evaluator.call(_assessed(robot.conservative), limits, segment, now, there, reached.gradient)
@@ -79,12 +80,6 @@ def stepper(
         return now._replace(descent=now.descent._replace(here=here), records=records)
 
     return step
-
-
-def _least(state: ContinuationState) -> Array:
-    """The steps of a descent with friction end where they lead to, but for the last one."""
-    going = (state.phase == DESCEND) & ~state.descent.fresh
-    return jnp.where(going, jnp.where(state.descent.convex, descent.NEAR, 0.0), jnp.inf)
 
 
 def _dissipated(robot: Robot, memories: Memories) -> AnyArray:

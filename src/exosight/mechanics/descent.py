@@ -100,6 +100,14 @@ def near_rest(descent: Descent) -> Bool[AnyArray, ""]:
     return descent.convex & (descent.residual < NEAR)
 
 
+def least(descent: Descent) -> Float[Array, ""]:
+    """Residual from which on a step of a descent with friction ends where it leads to.
+
+    The start is no step, and one that leads near rest (`near_rest`) is the last: it goes on to there.
+    """
+    return jnp.where(descent.fresh, jnp.inf, jnp.where(descent.convex, NEAR, 0.0))
+
+
 def direction(
     descent: Descent,
     metric: Metric,

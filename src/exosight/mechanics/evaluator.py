@@ -84,8 +84,7 @@ def by_program(program: Unrolled, robot: Robot) -> Evaluator:
     _, design = program(0, None, jax.tree.leaves(robot))
 
     def evaluate(q: Array, loads: Array, memories: Memories, least: Array) -> tuple[Reached, Any]:
-        found, pose = program(1, design, (q, loads, memories, least))
-        return found, pose
+        return program(1, design, (q, loads, memories, least))
 
     def solve(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
         return call_unrolled(solve_definite, matrix, right)
