@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from benchmarks.balance import lost
 from exosight.dataset.simulation import crosses_itself
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
@@ -16,7 +17,6 @@ from exosight.exosuit.published import published
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.mechanics import Robot, drive, walk
-from exosight.mechanics.friction import Held
 from exosight.system.observation import contact_forces, observe
 from exosight.system.schema import difference
 from exosight.system.sensors import SurfaceForces
@@ -89,12 +89,6 @@ def rough() -> System:
     return index_friction(SHAPE)
 
 
-def lost_to_friction(memory: np.ndarray) -> np.ndarray:
-    """Of all points so far, at each load [J]."""
-    every = Held.of(jnp.asarray(memory.reshape(-1, memory.shape[-1]))).dissipated
-    return np.asarray(every).reshape(len(memory), -1).sum(axis=1)
-
-
 def test_friction_holds_what_it_can_and_loses_energy(rough: System) -> None:
     """Up to 2.4 N and back to 1.2 N: no more than μ of what presses, and more force on the way back."""
     way = np.concatenate([UP[:13], UP[11:5:-1]])
@@ -107,9 +101,9 @@ def test_friction_holds_what_it_can_and_loses_energy(rough: System) -> None:
     mu, (press, _) = 0.3, rough.contacts
     assert press.friction == pytest.approx(mu)
     (memory,) = found.history
-    lost = lost_to_friction(memory)
-    assert (np.diff(lost) >= -1e-15).all()
-    assert lost[-1] > 1e-4
+    rubbed = lost(found.history)
+    assert (np.diff(rubbed) >= -1e-15).all()
+    assert rubbed[-1] > 1e-4
     robot = rough.robot.with_memories((memory[12],))
     on = forces(rough, robot, jnp.asarray(found.q[12]))["finger"]
     held = np.linalg.norm(on.part("tangential"), axis=1).sum()
@@ -127,7 +121,7 @@ def test_points_that_slip_one_after_the_other_are_no_end_of_a_branch(number: int
     assert found.converged.all()
     assert not found.snapped.any()
     energy, supplied = (of[0] - of[0, 0] for of in (found.energy, found.supplied))
-    kept_or_lost = energy + lost_to_friction(found.history[0][0])
+    kept_or_lost = energy + lost(found.history)[0]
     np.testing.assert_allclose(kept_or_lost, supplied, rtol=0, atol=2e-5 * abs(supplied[-1]))
 
 
