@@ -21,6 +21,7 @@ from exosight.exosuit.shapes import ExosuitShape
 from exosight.mechanics import Robot, locate_snaps
 from exosight.mechanics.friction import Held
 from exosight.mechanics.relaxation import relaxation
+from exosight.mechanics.term import Memories
 
 RESULT = Path(__file__).parent.parent / "docs" / "results" / "balance.json"
 
@@ -34,10 +35,10 @@ SHARE, TIME, RATE = 0.2, 2.0, 1.0
 """Of what creeps [-], its time of relaxation [s], and how fast the load changes [N/s]."""
 
 
-def lost(history: tuple[np.ndarray, ...]) -> np.ndarray:
+def lost(history: Memories) -> np.ndarray:
     """Work that friction has taken so far, of (..., points, 12) numbers remembered: (...) [J]."""
-    memory = history[0]
-    points = Held.of(memory.reshape(-1, memory.shape[-1])).dissipated
+    memory = np.asarray(history[0])
+    points = np.asarray(Held.of(memory.reshape(-1, memory.shape[-1])).dissipated)
     return points.reshape(memory.shape[:-1]).sum(axis=-1)
 
 

@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-
 from benchmarks.balance import lost
+
 from exosight.dataset.simulation import crosses_itself
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
