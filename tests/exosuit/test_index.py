@@ -122,7 +122,7 @@ def test_points_that_slip_one_after_the_other_are_no_end_of_a_branch(number: int
     assert not found.snapped.any()
     energy, supplied = (of[0] - of[0, 0] for of in (found.energy, found.supplied))
     kept_or_lost = energy + lost(found.history)[0]
-    np.testing.assert_allclose(kept_or_lost, supplied, rtol=0, atol=2e-5 * abs(supplied[-1]))
+    np.testing.assert_allclose(kept_or_lost, supplied, rtol=0, atol=2e-5 * abs(float(supplied[-1])))
 
 
 def test_without_a_coefficient_friction_does_nothing(path: SystemStates) -> None:
