@@ -22,7 +22,8 @@ from exosight.exosuit.scenarios import sample_shapes
 from exosight.mechanics import Robot, SolverOptions, stack
 from exosight.mechanics.continuation import stepper
 from exosight.mechanics.continuation_state import DESCEND, TO_LOAD, ContinuationState, begin
-from exosight.mechanics.evaluator import by_program, by_xla, program_of
+from exosight.mechanics.evaluator import by_program, by_xla, prepare, program_of
+from exosight.mechanics.metric import Metric
 
 RESULT = Path(__file__).parent.parent / "docs" / "results" / "evaluations.json"
 
@@ -58,7 +59,12 @@ def watched(robots: list[Robot], options: SolverOptions) -> dict[str, np.ndarray
     def advance(leaves: list[jax.Array], state: ContinuationState) -> tuple[ContinuationState, dict]:
         def one(leaves: list[jax.Array], state: ContinuationState) -> tuple[ContinuationState, dict]:
             robot = jax.tree.unflatten(structure, leaves)
-            evaluator = by_xla(robot) if program is None else by_program(program, robot)
+            metric = Metric.of(robot)
+            evaluator = (
+                by_xla(robot, metric)
+                if program is None
+                else by_program(program, metric, prepare(program, robot))
+            )
             step = stepper(
                 robot,
                 evaluator,

@@ -63,7 +63,7 @@ class Exosight:
         turn, slide = 1e3 * BENDING / LENGTH, 1e5 * BENDING / LENGTH**3
         head = Link(
             "head", 0.0, np.zeros((1, 3)), mount=lie.translation(jnp.array([LENGTH, 0.0, 0.0])),
-            joint=Cylindrical(stiffness=np.array([turn, slide])),
+            joint=Cylindrical(stiffness=[turn, slide]),
         )  # fmt: skip
         held = 1e4 * BENDING / LENGTH * np.array([1.0, 1.0, 1.0, *np.full(3, LENGTH**-2)])
         terms = (
@@ -82,9 +82,7 @@ class Exosight:
         return float(angle - turn * found.q[0, -1, -2])
 
 
-class _Simulator(
-    elastica.BaseSystemCollection, elastica.Constraints, elastica.Damping, elastica.Contact
-):
+class _Simulator(elastica.BaseSystemCollection, elastica.Constraints, elastica.Damping, elastica.Contact):
     """PyElastica's way to say what a simulation may contain."""
 
 
@@ -124,7 +122,7 @@ class PyElastica:
         size, count = LENGTH / self.elements, self.elements + 1
         rod = elastica.CosseratRod.straight_rod(
             count, np.array([-size / 2, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]),
-            count * size, RADIUS, DENSITY, youngs_modulus=YOUNG, shear_modulus=28 / 27 * YOUNG / 3,
+            count * size, RADIUS, DENSITY, youngs_modulus=YOUNG, shear_modulus=YOUNG / 3,
         )  # fmt: skip
         rod.rest_kappa[0] = BENT
         step = 0.2 * size / np.sqrt(YOUNG / DENSITY)
@@ -137,9 +135,7 @@ class PyElastica:
         simulator.dampen(rod).using(
             elastica.AnalyticalLinearDamper, uniform_damping_constant=DRAG, time_step=step
         )
-        simulator.detect_contact_between(rod, rod).using(
-            elastica.RodSelfContact, k=STIFFNESS * size, nu=0.0
-        )
+        simulator.detect_contact_between(rod, rod).using(elastica.RodSelfContact, k=STIFFNESS * size, nu=0.0)
         simulator.finalize()
         stepper, now, look = elastica.PositionVerlet(), np.float64(0.0), TOGETHER
         while look == TOGETHER or np.abs(rod.velocity_collection).max() > STILL:

@@ -11,7 +11,7 @@ from exosight.mechanics import Equilibria, Robot, Snap, locate_snaps
 from exosight.mechanics.continuation import stepper
 from exosight.mechanics.continuation_state import begin
 from exosight.mechanics.evaluator import by_xla
-from exosight.mechanics.metric import metric_of
+from exosight.mechanics.metric import Metric, metric_of
 
 STEPS = 0.1, 0.5
 
@@ -70,7 +70,14 @@ def test_a_robot_without_loads_left_reports_no_snaps() -> None:
     """It is stepped beside others, here on the way to a load that is not meant; full records of it would
     stop them for ever."""
     robot = assemble(Exosuit(sample_shapes(1, seed=0)[8].shape))
-    step = stepper(robot, by_xla(robot), jnp.array([[4.0]]), jnp.array(1), jnp.array(1e-10), jnp.array(5000))
+    step = stepper(
+        robot,
+        by_xla(robot, Metric.of(robot)),
+        jnp.array([[4.0]]),
+        jnp.array(1),
+        jnp.array(1e-10),
+        jnp.array(5000),
+    )
     idle = begin(np.zeros(robot.dofs), np.zeros(1), (), 1)._replace(load=np.array(1))
     after = jax.jit(lambda state: jax.lax.fori_loop(0, 600, lambda _, at: step(at), state))(idle)
     assert float(after.t) > 0.2  # it moves, and snaps on the way: seven times without the rule

@@ -13,8 +13,9 @@ import pytest
 
 from exosight.exosuit.assembly import Exosuit, assemble
 from exosight.mechanics import Configuration, Robot, SolverOptions, Term, drive, stack
-from exosight.mechanics.evaluator import Evaluator, by_program, by_xla, program_of, solve_signed
-from exosight.scalar_program import call_unrolled, interpreter
+from exosight.mechanics.evaluator import Evaluator, by_program, by_xla, prepare, program_of, solve_signed
+from exosight.mechanics.metric import Metric
+from exosight.scalar_program import Unrolled, call_unrolled, interpreter
 from exosight.system.build import build
 from exosight.system.file import describe, read_system_file
 
@@ -43,15 +44,23 @@ def both(robot: Robot, q: np.ndarray, loads: np.ndarray, step: np.ndarray) -> li
             compiler_options={"xla_backend_optimization_level": "0"},
         )(jax.tree.map(jnp.asarray, robot), q, loads, step)
 
-    return [of(lambda robot: by_program(program, robot)), of(by_xla)]
+    return [of(lambda robot: programmed(program, robot)), of(compiled)]
+
+
+def programmed(program: Unrolled, robot: Robot) -> Evaluator:
+    return by_program(program, Metric.of(robot), prepare(program, robot))
+
+
+def compiled(robot: Robot) -> Evaluator:
+    return by_xla(robot, Metric.of(robot))
 
 
 def check(robot: Robot, size: float = 0.2, channels: int | None = None) -> None:
     rng = np.random.default_rng(0)
     count = channels or max(1, robot.loads)
     q, step = (rng.normal(size=(9, robot.dofs)) * scale for scale in (size, 0.1 * size))
-    programmed, compiled = both(robot, q, rng.uniform(0, 2, size=(9, count)), step)
-    for ours, theirs in zip(programmed, compiled, strict=True):
+    ours_all, theirs_all = both(robot, q, rng.uniform(0, 2, size=(9, count)), step)
+    for ours, theirs in zip(ours_all, theirs_all, strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=0, atol=SAME * max(1e-300, np.abs(theirs).max()))
 
 
@@ -70,7 +79,7 @@ def test_only_positive_definite_matrices_are_solved(chain: Robot, last: float) -
     leaves, structure = jax.tree.flatten(chain)
     program = program_of(structure, tuple(np.shape(leaf) for leaf in leaves), 1)
     assert program is not None
-    for evaluator in (by_program(program, chain), by_xla(chain)):
+    for evaluator in (programmed(program, chain), compiled(chain)):
         found, definite = jax.jit(evaluator.solve)(matrix, right)
         assert definite == (last > 0)
         if last > 0:
@@ -167,7 +176,7 @@ def hessian() -> tuple[Robot, np.ndarray, np.ndarray]:
     robot = stack([assemble(Exosuit())])
     q = np.random.default_rng(1).normal(size=(1, robot.dofs)) * 0.1
     found = jax.jit(
-        jax.vmap(lambda robot, q: by_xla(robot).evaluate(q, jnp.ones(1), (), NEVER)[0].here.hessian)
+        jax.vmap(lambda robot, q: compiled(robot).evaluate(q, jnp.ones(1), (), NEVER)[0].here.hessian)
     )
     return robot, q, np.asarray(found(robot, q))
 
@@ -194,7 +203,7 @@ def test_other_processors(
     assert program is not None
 
     def energy(robot: Robot, q: jax.Array) -> jax.Array:
-        return by_program(program, robot).evaluate(q, jnp.ones(1), (), NEVER)[0].here.hessian
+        return programmed(program, robot).evaluate(q, jnp.ones(1), (), NEVER)[0].here.hessian
 
     found = jax.jit(jax.vmap(energy))(batch, q)
     np.testing.assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max())

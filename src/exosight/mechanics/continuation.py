@@ -50,7 +50,7 @@ def stepper(
 ) -> Callable[[ContinuationState], ContinuationState]:
     """The function that takes a robot one evaluation further; only the first `count` loads are meant."""
     working = np.array([float(channel not in robot.clocks) for channel in range(loads.shape[1])])
-    limits = Metric.of(robot), working, tolerance, max_iterations
+    limits = evaluator.metric, working, tolerance, max_iterations
 
     def step(state: ContinuationState) -> ContinuationState:
         segment = Segment.of(state, loads, count)

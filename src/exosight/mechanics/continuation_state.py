@@ -96,13 +96,13 @@ def begin(
     memories: Memories,
     room: int,
 ) -> ContinuationState:
-    """A robot at pose q and loads `origin` with room for so many loads; in NumPy, filled in from Python."""
+    """A robot at pose q and loads `origin` with room for so many loads."""
     n, channels = len(q), len(origin)
     zeros: Any = np.zeros
     whole, flag, one = zeros((), int), zeros((), bool), zeros(())
     coupling = zeros((n, n)) if memories else None
     nothing = Evaluation(one, zeros(n), zeros((n, n)), zeros(channels), zeros((channels, n)), coupling)
-    memories = tuple(np.array(memory, float) for memory in memories)
+    memories = tuple(zeros(np.shape(memory)) + memory for memory in memories)
     q = zeros(n) + q
     return ContinuationState(
         load=whole,

@@ -46,6 +46,7 @@ class Reached(NamedTuple):
 class Evaluator(NamedTuple):
     """The energy of one robot.
 
+    metric         its metric
     evaluate       (q, loads, memories, least) -> what a step leads to that ends there if its residual is
                    at least so large, and what `step_fraction` needs of that pose
     step_fraction  (that, step) -> how much of a step from there the expansion holds for
@@ -53,6 +54,7 @@ class Evaluator(NamedTuple):
     call           (function, arguments) -> its results; a function of arrays that is the same for many robots
     """
 
+    metric: Metric
     evaluate: Callable[
         [Float[Array, " dofs"], Float[Array, " channels"], Memories, Float[Array, ""]], tuple[Reached, Any]
     ]
@@ -61,9 +63,9 @@ class Evaluator(NamedTuple):
     call: Callable[..., Any]
 
 
-def by_xla(robot: Robot) -> Evaluator:
+def by_xla(robot: Robot, metric: Metric) -> Evaluator:
     """As JAX compiles it."""
-    same, metric = potential(robot), Metric.of(robot)  # what depends on the design alone is computed once
+    same = potential(robot)  # what depends on the design alone is computed once
 
     def evaluate(q: Array, loads: Array, memories: Memories, least: Array) -> tuple[Reached, Motion]:
         if memories:
@@ -72,6 +74,7 @@ def by_xla(robot: Robot) -> Evaluator:
         return Reached(found.gradient, (), jnp.array(False), found), motion
 
     return Evaluator(
+        metric,
         evaluate,
         lambda motion, step: _step_fraction(robot, motion, step),
         solve_definite,
@@ -79,9 +82,13 @@ def by_xla(robot: Robot) -> Evaluator:
     )
 
 
-def by_program(program: Unrolled, robot: Robot) -> Evaluator:
-    """As a program of its structure."""
-    _, design = program(0, None, jax.tree.leaves(robot))
+def prepare(program: Unrolled | None, robot: Robot) -> Float[Array, " handed"]:
+    """What a program of its structure computes of the robot alone; nothing without a program."""
+    return jnp.asarray([] if program is None else program(0, None, jax.tree.leaves(robot))[1])
+
+
+def by_program(program: Unrolled, metric: Metric, design: Float[AnyArray, " handed"]) -> Evaluator:
+    """As a program of its structure; `design` from `prepare`."""
 
     def evaluate(q: Array, loads: Array, memories: Memories, least: Array) -> tuple[Reached, Any]:
         return program(1, design, (q, loads, memories, least))
@@ -89,7 +96,7 @@ def by_program(program: Unrolled, robot: Robot) -> Evaluator:
     def solve(matrix: AnyArray, right: AnyArray) -> tuple[Array, Array]:
         return call_unrolled(solve_definite, matrix, right)
 
-    return Evaluator(evaluate, lambda pose, step: program(2, pose, (step,))[0], solve, call_unrolled)
+    return Evaluator(metric, evaluate, lambda pose, step: program(2, pose, (step,))[0], solve, call_unrolled)
 
 
 @lru_cache(maxsize=64)

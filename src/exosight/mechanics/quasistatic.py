@@ -14,8 +14,9 @@ from jaxtyping import Float
 
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
-from exosight.mechanics.batched_continuation import Kept, Problems, Snap, Solutions, solve
+from exosight.mechanics.batched_continuation import Kept, Snap, Solutions, solve
 from exosight.mechanics.equilibrium import Equilibria, SolverOptions, stack
+from exosight.mechanics.lanes import Problems
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.term import Memories
 
