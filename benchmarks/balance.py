@@ -1,7 +1,7 @@
 """Balance of energy on exosuits: what the loads supply against what is stored and lost.
 
-0 → 4 → 0 N with friction in steps of several sizes, and with friction, with creep and with both in one, on
-exosuits with and without snaps. Writes docs/results/balance.json.
+0 → 4 → 0 N in steps of several sizes with friction, with creep and with both, on exosuits with and without
+snaps. Writes docs/results/balance.json.
 
     python -m benchmarks.balance
 """
@@ -29,8 +29,8 @@ SHAPES = 0, 2, 3, 4, 14, 21
 """Of the two exosuits of each scenario, seed 0; two of them snap often."""
 PARTS = 1, 4, 16, 32, 64
 """Into how many parts each step of 0.08 N is divided."""
-COMPARED = 16
-"""That of friction, creep and both."""
+COMPARED = 16, 64
+"""Those of creep, and of friction and creep."""
 SHARE, TIME, RATE = 0.2, 2.0, 1.0
 """Of what creeps [-], its time of relaxation [s], and how fast the load changes [N/s]."""
 
@@ -100,13 +100,13 @@ def main() -> None:
     given = parser.parse_args()
     every = [sample.shape for sample in sample_shapes(2, seed=0)]
     shapes = [every[i] for i in SHAPES]
-    result: dict = {"name": "balance", "shapes": len(shapes), "steps": [], "kinds": {}}
-    for parts in PARTS:
-        result["steps"].append(balance(shapes, with_friction, parts))
-        print(json.dumps(result["steps"][-1], indent=1), flush=True)
-    for name, made in (("friction", with_friction), ("creep", with_creep), ("both", with_both)):
-        result["kinds"][name] = balance(shapes, made, COMPARED)
-        print(name, json.dumps(result["kinds"][name], indent=1), flush=True)
+    result: dict = {"name": "balance", "shapes": len(shapes), "kinds": {}}
+    kinds = ("friction", with_friction, PARTS), ("creep", with_creep, COMPARED), ("both", with_both, COMPARED)
+    for name, made, several in kinds:
+        result["kinds"][name] = []
+        for parts in several:
+            result["kinds"][name].append(balance(shapes, made, parts))
+            print(name, json.dumps(result["kinds"][name][-1], indent=1), flush=True)
     given.out.write_text(json.dumps(result, indent=1) + "\n")
 
 

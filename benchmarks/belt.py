@@ -1,7 +1,8 @@
 """Rods in contact, by exosight and by PyElastica: a belt on a drum with friction, and a rod against itself.
 
 `python -m benchmarks.belt`, with the extra `compare` installed, writes docs/results/belt.json, which
-docs/validation.md shows. Times as in `benchmarks.neighbours`; the rod against itself is `benchmarks.strands`.
+docs/validation.md shows. Times as in `benchmarks.neighbours`; rods against themselves are `benchmarks.strands`
+and `benchmarks.twist`.
 
 The belt lies a quarter turn around a fixed drum, bent to it without stress, with straight ends. Where all of
 it slips, the tensions at the ends of the arc are T₁/T₀ = e^{μθ} if friction acts on the axis of the belt, and
@@ -18,6 +19,7 @@ import numpy as np
 
 from benchmarks.neighbours import RESULTS, Case, write
 from benchmarks.strands import strands
+from benchmarks.twist import twists
 from exosight import lie
 from exosight.mechanics import (
     Circular,
@@ -208,7 +210,7 @@ def _setting(work: Exosight | PyElastica) -> str:
 def main() -> None:
     """Measure anew and write the numbers of docs/validation.md."""
     packages = ("exosight", "pyelastica", "jax", "numba", "numpy")
-    write(RESULTS.with_name("belt.json"), [*belts(), *strands()], packages)
+    write(RESULTS.with_name("belt.json"), [*belts(), *strands(), *twists()], packages)
 
 
 if __name__ == "__main__":

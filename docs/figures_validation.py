@@ -215,10 +215,11 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
 
 
 def _balances(found: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """Rows by name: friction in several steps, then the other kinds."""
-    kinds = {"creep": found["kinds"]["creep"], "friction and creep": found["kinds"]["both"]}
-    rows = [("friction", line) for line in found["steps"]] + list(kinds.items())
-    return [(f"{name}, {line['step [N]']:g}", line) for name, line in rows]
+    """Rows by name: each kind in its steps."""
+    names = {"friction": "friction", "creep": "creep", "both": "friction and creep"}
+    return [
+        (f"{name}, {line['step [N]']:g}", line) for key, name in names.items() for line in found["kinds"][key]
+    ]
 
 
 def _compared(found: dict[str, Any]) -> dict[str, str]:
