@@ -1,8 +1,8 @@
 """Rods in contact, by exosight and by PyElastica: a belt on a drum with friction, and a rod against itself.
 
 `python -m benchmarks.belt`, with the extra `compare` installed, writes docs/results/belt.json, which
-docs/validation.md shows. Times as in `benchmarks.neighbours`; rods against themselves are `benchmarks.strands`
-and `benchmarks.twist`.
+docs/validation.md shows. Times as in `benchmarks.neighbours`; `benchmarks.strands` and `benchmarks.twist` are
+rods against themselves.
 
 The belt lies a quarter turn around a fixed drum, bent to it without stress, with straight ends. Where all of
 it slips, the tensions at the ends of the arc are T₁/T₀ = e^{μθ} if friction acts on the axis of the belt, and

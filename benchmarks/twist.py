@@ -41,8 +41,8 @@ decides to which side it gives way [1/m]."""
 BENDING = YOUNG * np.pi * RADIUS**4 / 4
 TWISTED, TOGETHER, STILL, LONGEST, DRAG = 0.5, 2.5, 1e-5, 20.0, 5.0
 """PyElastica's rod is twisted by then and shortened by then [s], at rest below that speed [m/s], given up
-after that [s]; its damping [1/s], which comes to rest soonest of 5, 15 and 50. On 40 elements it never does: its
-strands slide from one element to the next."""
+after that [s]; its damping [1/s], with which it rests soonest of 5, 15 and 50. On 40 elements it never rests:
+its strands slide from one element to the next."""
 
 
 @dataclass(frozen=True)

@@ -40,10 +40,10 @@ def _coefficients(omega: Float[AnyArray, "*batch 3"]) -> tuple[Array, Array, Arr
         (far + 2 * cos - 2) / (2 * far * far),
         (2 * theta - 3 * sin + theta * cos) / (2 * far * far * theta),
     )
-    series = (jnp.zeros_like(near),) * 5
+    minus, series = -near[..., None], jnp.zeros((*near.shape, 5))
     for k in reversed(range(_TERMS)):
-        series = tuple(s * -near + c for s, c in zip(series, _SERIES[:, k], strict=True))
-    a, b, c, d, e = (jnp.where(small, s, f) for s, f in zip(series, closed, strict=True))
+        series = series * minus + _SERIES[:, k]
+    a, b, c, d, e = (jnp.where(small, series[..., i], f) for i, f in enumerate(closed))
     return a, b, c, d, e
 
 

@@ -91,7 +91,7 @@ def solve(
     kinds = tuple((leaf.shape[1:], leaf.dtype) for leaf in problems.leaves)
     shapes = tuple(shape for shape, _ in kinds)
     program = program_of(problems.structure, shapes, channels) if options.unrolled else None
-    code = compiled(problems.structure, kinds, channels, program)
+    code = compiled(problems.structure, kinds, program)
     found = _nothing(problems)
     known = kept.restore(found) if kept else []
     queue = Queue(problems, sorted(set(range(robots)) - set(known)), lanes, code)
@@ -140,7 +140,7 @@ def _fill_lanes(
     loads = problems.loads.shape[1]
     room = ROOM[0] if loads <= ROOM[0] else ROOM[1]
     lane = Lanes(problems, lanes, room, taken)
-    state = code.blank(lanes, room)
+    state = lane.blank
     while np.any(lane.number >= 0) and not queue.stopped:
         # While robots or further loads wait, come back as soon as some lanes are free for them: for single
         # loads, which take a few evaluations, half of the lanes, else a quarter.

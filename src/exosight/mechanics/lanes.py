@@ -83,13 +83,11 @@ class Compiled(NamedTuple):
     """Compiled for robots of one structure.
 
     prepare   arrays of some robots -> `Robots`
-    blank     (robots, how many loads each) -> states of which nothing is used, as all lanes are fresh
     advance   (given, states, tolerance, max_iterations, enough) -> states, once `enough` lanes have their
-              loads behind them or one has no room for snaps
+              loads behind them or one has no room for snaps; nothing of the states of fresh lanes is used
     """
 
     prepare: Callable[[Float[np.ndarray, "robots numbers"]], Robots]
-    blank: Callable[[int, int], ContinuationState]
     advance: Callable[..., ContinuationState]
 
 
@@ -129,6 +127,7 @@ class Lanes:
 
     number   of each lane's robot; −1: none, the lane stands still
     first    index of the first of the loads that it is on
+    blank    states to begin with, while all lanes are fresh
     """
 
     def __init__(self, problems: Problems, lanes: int, room: int, taken: Taken) -> None:
@@ -148,6 +147,8 @@ class Lanes:
             origin=rows(problems.origin[0]),
             history=tuple(rows(memory[0]) for memory in problems.history),
         )
+        shapes = tuple(memory.shape[1:] for memory in problems.history)
+        self.blank = _blank(problems.q.shape[1], problems.loads.shape[2], shapes, lanes, room)
         self.put(np.arange(len(taken)), taken)
 
     def put(self, at: Int[np.ndarray, " some"], taken: Taken) -> None:
@@ -181,7 +182,15 @@ class Lanes:
 
 
 @lru_cache(maxsize=64)
-def compiled(structure: Hashable, kinds: Kinds, channels: int, program: Unrolled | None) -> Compiled:
+def _blank(
+    dofs: int, channels: int, memories: tuple[tuple[int, ...], ...], lanes: int, room: int
+) -> ContinuationState:
+    one = begin(np.zeros(dofs), np.zeros(channels), tuple(map(np.zeros, memories)), room)
+    return jax.device_put(jax.tree.map(lambda x: np.zeros((lanes, *np.shape(x)), np.asarray(x).dtype), one))
+
+
+@lru_cache(maxsize=64)
+def compiled(structure: Hashable, kinds: Kinds, program: Unrolled | None) -> Compiled:
     """For robots of a structure whose arrays are of these kinds, by their program or by XLA."""
     ends = np.cumsum([int(np.prod(shape)) for shape, _ in kinds]).tolist()
 
@@ -216,16 +225,9 @@ def compiled(structure: Hashable, kinds: Kinds, channels: int, program: Unrolled
 
         return jax.vmap(one, axis_name="lanes")(given, state)
 
-    @lru_cache(maxsize=8)
-    def blank(lanes: int, room: int) -> ContinuationState:
-        robot = robot_of(jnp.zeros(ends[-1]))
-        one = begin(np.zeros(robot.dofs), np.zeros(channels), robot.memories, room)
-        return jax.tree.map(lambda x: jnp.zeros((lanes, *np.shape(x)), np.asarray(x).dtype), one)
-
     # The lanes of a thread are its work; a second thread inside an operation would take it from the others.
     options = {"xla_cpu_multi_thread_eigen": False}
     return Compiled(
         jax.jit(jax.vmap(prepared), compiler_options=options),
-        blank,
         jax.jit(advance, compiler_options=options),
     )
