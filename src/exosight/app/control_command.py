@@ -23,9 +23,11 @@ from exosight.control import (
 )
 from exosight.control.guarded import GuardedName
 from exosight.control.loop import RATE
+from exosight.control.plant import Plant
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.trials import STEP_SECONDS, Asked
 from exosight.control.tuning import tune
+from exosight.control.valve import AT_ONCE, Valve, ValvePlant
 from exosight.evaluation import Column, Table
 from exosight.evaluation.figures import to_bytes
 from exosight.evaluation.tables import Cell
@@ -42,9 +44,10 @@ def run_with_progress(
     asked: Sequence[Asked],
     sensor: str | None = None,
     channel: str | None = None,
+    valve: Valve = AT_ONCE,
 ) -> list[Trial]:
-    """`exosight.control.run_trials` on a simulated plant, with a progress bar."""
-    return _counted(run_trials(SimulatedPlant(system), measure, asked, sensor, channel), len(asked))
+    """`exosight.control.run_trials` on a simulated plant behind a valve, with a progress bar."""
+    return _counted(run_trials(_plant(system, valve), measure, asked, sensor, channel), len(asked))
 
 
 def run_guarded_with_progress(
@@ -54,6 +57,7 @@ def run_guarded_with_progress(
     asked: Sequence[Asked],
     sensor: str | None = None,
     channel: str | None = None,
+    valve: Valve = AT_ONCE,
 ) -> list[Trial]:
     """The targets alone of what is asked, each once, with a controller that is tuned on the system first.
 
@@ -61,7 +65,12 @@ def run_guarded_with_progress(
     """
     guarded = guarded_of(name, tune(system, sensor, channel))
     targets = list({tuple(target): target for _, target in asked}.values())
-    return _counted(run_guarded_trials(SimulatedPlant(system), guarded, sense, targets), len(targets))
+    return _counted(run_guarded_trials(_plant(system, valve), guarded, sense, targets), len(targets))
+
+
+def _plant(system: System, valve: Valve) -> Plant:
+    plant = SimulatedPlant(system)
+    return plant if valve == AT_ONCE else ValvePlant(plant, valve)
 
 
 def _counted(trials: Iterator[Trial], count: int) -> list[Trial]:

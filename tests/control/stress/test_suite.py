@@ -100,3 +100,37 @@ def test_the_law_has_the_papers_gain_on_every_preset_and_another_for_another_sen
     assert stress_plants(find_system("index")).gain == 5.0
     monkeypatch.setattr("exosight.control.stress.plants.tune", lambda *_: replace(of_index, sensor="C6"))
     assert stress_plants(find_system("index")).gain == limits.default_gain != 5.0
+
+
+def test_valves_that_answer_late_slow_the_loop_and_change_nothing_else_of_the_episodes(config, plants):
+    """Each plant is under what has arrived; its controller is told what was asked for."""
+    late = replace(SHORT, lag=(0.2, 0.2), dead_time=(0.1, 0.1))
+    episodes, slow = ([draw_episode(c, 0, i, plants) for i in range(COUNT)] for c in (SHORT, late))
+    for one, other in zip(episodes, slow, strict=True):
+        np.testing.assert_array_equal(one.target, other.target)
+        np.testing.assert_array_equal(one.rest, other.rest)
+        assert (one.latency, one.bursts) == (other.latency, other.bursts)
+    u = 1.5
+    traces = [
+        run_episodes(each, [Unguarded(_Constant(u), config.weights) for _ in each], true_sensor, config)
+        for each in (episodes, slow)
+    ]
+    np.testing.assert_array_equal(traces[0].command, traces[1].command)
+    at_once, later = (trace.true for trace in traces)
+    assert np.all(later[:, 1] == later[:, 0])
+    still = [i for i, episode in enumerate(episodes) if not episode.moves]
+    assert np.all(later[still, 2] < at_once[still, 2])
+    np.testing.assert_allclose(later[still, -1], at_once[still, -1], atol=1e-4)  # 27 steps: e^-13 of it
+
+
+class _Constant:
+    """A law that asks for one command."""
+
+    def __init__(self, u: float) -> None:
+        self._u = u
+
+    def reset(self) -> None:
+        """Nothing to forget."""
+
+    def next(self, target: float, measured: float) -> float:
+        return self._u

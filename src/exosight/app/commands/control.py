@@ -12,6 +12,7 @@ from exosight.control.guarded import GuardedName
 from exosight.errors import InputError
 
 Target = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Late = Annotated[float, Field(ge=0, le=2)]
 
 
 def control(
@@ -19,6 +20,8 @@ def control(
     targets: tuple[Target, ...] = (),
     gains: tuple[Target, ...] = (),
     controller: Literal["proportional", GuardedName] = "proportional",
+    lag: Late = 0.0,
+    dead_time: Late = 0.0,
     model: MaybePath = None,
     out: MaybePath = None,
     plot: Plot = None,
@@ -43,6 +46,8 @@ def control(
         targets: of the sensor [its unit]; default: half of its largest reading within the limits
         gains: K_P [channel's unit per sensor's]; default: half of what the steepest part of the path asks for
         controller: the paper's proportional law; the scheduled law behind its guard; or the adaptive one
+        lag: of the actuators [s]: time in which they go 63 % of the way to a command
+        dead_time: of the actuators [s]: time before anything of a command arrives
         model: exported network, from `exosight train`, or 'shipped', the package's own for the system;
             without it the sensor is the true reading
         out: folder for time series (CSV), figures (SVG), results and configuration (JSON); it must not exist
@@ -76,6 +81,7 @@ def control(
         true_reading,
     )
     from exosight.control.estimator import model_name, model_path
+    from exosight.control.valve import Valve
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.catalogue import find_system
     from exosight.exosuit.published import PublishedDesigns
@@ -83,6 +89,7 @@ def control(
     designs = find_system(loop.system)
     place = None if model is None else model_path(model, loop.system)
     proportional = controller == "proportional"
+    valve = Valve(lag, dead_time)
     estimator = None if place is None else OnnxEstimator.load(place, history=proportional)
     driven = nominal_system(designs, Exosuit(CONTROL_SHAPE), estimator)
     if isinstance(designs, PublishedDesigns) and not (loop.sensor or loop.channel or targets or gains):
@@ -94,10 +101,12 @@ def control(
             measure = true_reading(loop.sensor)
             if estimator is not None:
                 measure = from_image(estimator, driven.schema, loop.sensor)
-            trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel)
+            trials = run_with_progress(driven, measure, asked, loop.sensor, loop.channel, valve)
         else:
             sense = true_measurement if estimator is None else measurement_from(estimator)
-            trials = run_guarded_with_progress(driven, controller, sense, asked, loop.sensor, loop.channel)
+            trials = run_guarded_with_progress(
+                driven, controller, sense, asked, loop.sensor, loop.channel, valve
+            )
         if folder is not None:
             write_trials(trials, place and model_name(place), driven.camera, folder, controller)
     if plot is not None:

@@ -33,6 +33,10 @@ class StressConfig:
     reading within the limits for another"""
     latency: Annotated[tuple[Delay, Delay], AfterValidator(rising)] = (0.0, 0.3)
     """age of the frames [s], in whole steps of 0.1 s; one for each episode"""
+    lag: Annotated[tuple[Delay, Delay], AfterValidator(rising)] = (0.0, 0.0)
+    """of the actuators [s]: time in which they go 63 % of the way to a command; one for each episode"""
+    dead_time: Annotated[tuple[Delay, Delay], AfterValidator(rising)] = (0.0, 0.0)
+    """of the actuators [s]: time before anything of a command arrives; one for each episode"""
     dropped: Annotated[tuple[Share, Share], AfterValidator(rising)] = (0.0, 0.2)
     """share of the frames that never come; one for each episode"""
     repeated: Annotated[tuple[Share, Share], AfterValidator(rising)] = (0.0, 0.1)

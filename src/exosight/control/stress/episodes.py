@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from exosight.control.loop import RATE
 from exosight.control.stress.config import KINDS, Kind, StressConfig
 from exosight.control.stress.plants import Limits, StressPlants
+from exosight.control.valve import Valve
 from exosight.errors import InputError
 from exosight.mechanics import Link
 from exosight.system.camera import Camera
@@ -46,6 +47,7 @@ class Episode:
     bursts     of noise or occlusion
     stiffness  (steps, coordinates)    of the links' joints [N m/rad]
     rest       (steps, coordinates)    angles at which their springs are slack [rad]
+    valve      how late the actuators answer
     """
 
     kind: Kind
@@ -59,6 +61,7 @@ class Episode:
     bursts: tuple[Burst, ...]
     stiffness: Float[np.ndarray, "steps coordinates"]
     rest: Float[np.ndarray, "steps coordinates"]
+    valve: Valve
 
     @property
     def moves(self) -> bool:
@@ -115,7 +118,14 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
         bursts=tuple(_burst(rng, steps) for _ in range(config.bursts)),
         stiffness=stiffness,
         rest=rest,
+        valve=_valve(config, seed, number),
     )
+
+
+def _valve(config: StressConfig, seed: int, number: int) -> Valve:
+    """From a generator of its own, so that valves change nothing else of an episode."""
+    rng = np.random.default_rng([seed, number, 1])
+    return Valve(rng.uniform(*config.lag), rng.uniform(*config.dead_time))
 
 
 def _target(

@@ -9,6 +9,7 @@ from exosight.control.paths import ControllerConfig
 from exosight.control.scheduled import RELEASED
 from exosight.control.stress.episodes import Episode
 from exosight.control.stress.suite import EpisodeRun, Traces
+from exosight.control.valve import AT_ONCE
 
 _TRIALS = 8
 _CLOSE = 5e-3  # of the target: a tenth of the band
@@ -23,12 +24,12 @@ def run_oracle(
 
     In each step, with the user as he is in it, the command is the root of reading − target by secants, tried
     out on the plant itself; one at which an output passes its limit is lowered. Which targets settle so is
-    what is attainable. It does not look ahead, and where the plant snaps it may pass a branch that another
-    order of commands keeps.
+    what is attainable. Its actuators answer at once. It does not look ahead, and where the plant snaps it
+    may pass a branch that another order of commands keeps.
 
     Raises InputError for no episodes, or episodes of several lengths.
     """
-    run = EpisodeRun(episodes, config)
+    run = EpisodeRun(episodes, config, [AT_ONCE] * len(episodes))
     u = np.zeros(len(episodes))
     slope = np.full(len(episodes), _usual_slope(config))
     for step in range(1, run.steps):

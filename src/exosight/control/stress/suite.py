@@ -13,6 +13,7 @@ from exosight.control.laws import Law
 from exosight.control.paths import ControllerConfig
 from exosight.control.stress.episodes import Episode
 from exosight.control.stress.frames import FrameDelivery, Look
+from exosight.control.valve import Valve, Valves
 from exosight.errors import InputError
 
 
@@ -99,7 +100,7 @@ def run_episodes(
         controller.reset()
     estimated = [np.zeros(len(episodes))]
     for step in range(1, run.steps):
-        measurements = frames.measurements(run.plant, step - 1)
+        measurements = frames.measurements(run.plant, run.told, step - 1)
         asked = [
             controller.step(float(goal), measurement)
             for controller, goal, measurement in zip(
@@ -117,11 +118,14 @@ class EpisodeRun:
     """The plants of all episodes, and what is recorded of them.
 
     config   which sensor is controlled and which channel is driven; the others rest at 0
+    valves   how late the plants' actuators answer; by default as the episodes have it
 
     Raises InputError for no episodes, or episodes of several lengths.
     """
 
-    def __init__(self, episodes: Sequence[Episode], config: ControllerConfig) -> None:
+    def __init__(
+        self, episodes: Sequence[Episode], config: ControllerConfig, valves: Sequence[Valve] | None = None
+    ) -> None:
         lengths = {len(episode.target) for episode in episodes}
         if len(lengths) != 1:
             raise InputError(
@@ -129,15 +133,26 @@ class EpisodeRun:
             )
         (self.steps,) = lengths
         self.plant, self._config = BatchPlant([episode.system for episode in episodes]), config
+        self._valves = Valves(
+            [episode.valve for episode in episodes] if valves is None else valves,
+            len(self.plant.schema.channels),
+        )
+        self.told = self.plant.state.commands
         self.target = np.stack([episode.target for episode in episodes])
         self._stiffness = np.stack([episode.stiffness for episode in episodes])
         self._rest = np.stack([episode.rest for episode in episodes])
         self._command, self._states = [np.zeros(len(episodes))], [self.plant.state]
 
     def apply(self, step: int, u: Float[np.ndarray, " episodes"]) -> Float[np.ndarray, "episodes outputs"]:
-        """Give every plant its command, with the users as they are in this step; what is read then."""
+        """Give every plant its command, with the users as they are in this step; what is read then.
+
+        `told` are the commands asked for, or those of the pose of a plant that found none there.
+        """
         joints = Joints(self._stiffness[:, step], self._rest[:, step])
-        return self.plant.step(self._config.commands(u), joints).outputs
+        commands = self._config.commands(u)
+        state = self.plant.step(self._valves.step(commands), joints)
+        self.told = np.where(state.converged[:, None], commands, state.commands)
+        return state.outputs
 
     def keep(self, u: Float[np.ndarray, " episodes"]) -> None:
         """Take the plants as they are now as those of the step."""
