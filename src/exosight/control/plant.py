@@ -15,7 +15,7 @@ class Observation:
 
     schema          names and units of channels and sensors
     commands        (channels,)       of this very pose [each in its channel's unit]: the ones asked for,
-                    unless `converged` is False
+                    unless actuators answer late or `converged` is False
     image           (height, width)   what the camera sees, gray 0…255
     readings        (sensors,)        true readings of all sensors, in the order of the schema [each in its
                     unit]

@@ -7,7 +7,7 @@ Pneumatic Drives, 2007, ch. 5). Neglected: that filling and emptying differ, and
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -70,7 +70,7 @@ class Valves:
 
 
 class ValvePlant:
-    """A plant behind a valve; what it shows is told to be under the commands that were asked for."""
+    """A plant behind a valve whose outlet is measured: what it shows comes with what has arrived."""
 
     def __init__(self, plant: Plant, valve: Valve) -> None:
         self._plant, self._valve = plant, valve
@@ -88,6 +88,4 @@ class ValvePlant:
 
     def apply(self, commands: Float[np.ndarray, " channels"]) -> Observation:
         """One step of the loop with these commands; InputError as the plant raises it."""
-        asked = self.schema.check_commands(commands)
-        seen = self._plant.apply(self._valves.step(asked[None])[0])
-        return replace(seen, commands=asked) if seen.converged else seen
+        return self._plant.apply(self._valves.step(self.schema.check_commands(commands)[None])[0])

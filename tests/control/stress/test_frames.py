@@ -49,7 +49,7 @@ def episodes(plants) -> Callable[..., list[Episode]]:
 
 
 def told(frames: FrameDelivery, plants: Plants, force: float, step: int):
-    measurement = frames.measurements(plants.at(force), plants.at(force).state.commands, step)[0]
+    measurement = frames.measurements(plants.at(force), step)[0]
     return None if measurement.reading is None else float(measurement.reading.forces.sum()), measurement
 
 
@@ -126,9 +126,7 @@ def test_a_cameras_picture_is_noisy_or_hidden_as_long_as_the_spell_lasts(episode
 
 def test_the_networks_own_numbers_reach_the_controller(episodes):
     estimator, plants = OnnxEstimator.load(DEFAULT_MODEL), Plants()
-    measurements = FrameDelivery(episodes(camera=Camera()), camera_sensor(estimator)).measurements(
-        plants, plants.state.commands, 0
-    )
+    measurements = FrameDelivery(episodes(camera=Camera()), camera_sensor(estimator)).measurements(plants, 0)
     expected = estimator.read(plants.pictures(Camera(), np.array([0])))
     for measurement in measurements:
         assert measurement.reading is not None

@@ -103,7 +103,7 @@ def test_the_law_has_the_papers_gain_on_every_preset_and_another_for_another_sen
 
 
 def test_valves_that_answer_late_slow_the_loop_and_change_nothing_else_of_the_episodes(config, plants):
-    """Each plant is under what has arrived; its controller is told what was asked for."""
+    """Controllers ask as before, and each plant is under what has arrived."""
     late = replace(SHORT, lag=(0.2, 0.2), dead_time=(0.1, 0.1))
     episodes, slow = ([draw_episode(c, 0, i, plants) for i in range(COUNT)] for c in (SHORT, late))
     for one, other in zip(episodes, slow, strict=True):

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from exosight.control.batch import BatchPlant
 from exosight.control.estimator import OnnxEstimator, Reader, Reading, takes_commands
@@ -74,19 +74,15 @@ class FrameDelivery:
         )
         self._last: list[tuple[np.ndarray, Reading] | None] = [None] * len(episodes)
 
-    def measurements(
-        self, plant: BatchPlant, commands: Float[np.ndarray, "plants channels"], step: int
-    ) -> list[Measurement]:
+    def measurements(self, plant: BatchPlant, step: int) -> list[Measurement]:
         """Look at the plants, and hand out what reaches the controllers in this step, one an episode.
-
-        commands   that the plants are under, as far as controllers know
 
         Before the first step every plant has stood at rest, and was looked at, for long.
         """
-        self._past.append((*self._look(plant, self._episodes, step), commands))
+        self._past.append((*self._look(plant, self._episodes, step), plant.state.commands))
         seen = []
         for i, episode in enumerate(self._episodes):
-            images, reading, under = self._past[max(-1 - episode.latency, -len(self._past))]
+            images, reading, commands = self._past[max(-1 - episode.latency, -len(self._past))]
             image, read = images[i], _row(reading, i)
             if episode.again[step] and (before := self._last[i]) is not None:
                 image, read = before  # reported as a new one: its age and commands are those of a new one
@@ -94,7 +90,7 @@ class FrameDelivery:
             seen.append(
                 Measurement()
                 if episode.lost[step]
-                else Measurement(image, read, episode.latency / RATE, under[i])
+                else Measurement(image, read, episode.latency / RATE, commands[i])
             )
         return seen
 

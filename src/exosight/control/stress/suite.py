@@ -100,7 +100,7 @@ def run_episodes(
         controller.reset()
     estimated = [np.zeros(len(episodes))]
     for step in range(1, run.steps):
-        measurements = frames.measurements(run.plant, run.told, step - 1)
+        measurements = frames.measurements(run.plant, step - 1)
         asked = [
             controller.step(float(goal), measurement)
             for controller, goal, measurement in zip(
@@ -137,22 +137,15 @@ class EpisodeRun:
             [episode.valve for episode in episodes] if valves is None else valves,
             len(self.plant.schema.channels),
         )
-        self.told = self.plant.state.commands
         self.target = np.stack([episode.target for episode in episodes])
         self._stiffness = np.stack([episode.stiffness for episode in episodes])
         self._rest = np.stack([episode.rest for episode in episodes])
         self._command, self._states = [np.zeros(len(episodes))], [self.plant.state]
 
     def apply(self, step: int, u: Float[np.ndarray, " episodes"]) -> Float[np.ndarray, "episodes outputs"]:
-        """Give every plant its command, with the users as they are in this step; what is read then.
-
-        `told` are the commands asked for, or those of the pose of a plant that found none there.
-        """
+        """Give every plant its command, with the users as they are in this step; what is read then."""
         joints = Joints(self._stiffness[:, step], self._rest[:, step])
-        commands = self._config.commands(u)
-        state = self.plant.step(self._valves.step(commands), joints)
-        self.told = np.where(state.converged[:, None], commands, state.commands)
-        return state.outputs
+        return self.plant.step(self._valves.step(self._config.commands(u)), joints).outputs
 
     def keep(self, u: Float[np.ndarray, " episodes"]) -> None:
         """Take the plants as they are now as those of the step."""
