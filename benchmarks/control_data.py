@@ -1,7 +1,7 @@
 """Pictures of a loop under stress, for the network of the loop to learn from: other wearers, users who move,
 cameras that are displaced; commands that wander over their range.
 
-    python -m benchmarks.control_data FOLDER --episodes 384 --seed 1000
+    python -m benchmarks.control_data FOLDER --episodes 2048 --seed 1000
 
 writes `frames.npz` with pictures, readings of all sensors, commands and the number of the episode.
 """
@@ -78,7 +78,7 @@ def main() -> None:
     """Simulate and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--episodes", type=int, default=384)
+    parser.add_argument("--episodes", type=int, default=2048)
     parser.add_argument("--seed", type=int, default=1000)
     asked = parser.parse_args()
     designs = find_system("index")

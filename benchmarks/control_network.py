@@ -117,7 +117,7 @@ def main() -> None:
     """Train and export."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--head-epochs", type=int, default=80, help="of the last two layers")
+    parser.add_argument("--head-epochs", type=int, default=30, help="of the last two layers")
     parser.add_argument("--epochs", type=int, default=6, help="of all layers")
     asked = parser.parse_args()
     torch.set_num_threads(1)

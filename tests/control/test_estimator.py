@@ -41,6 +41,19 @@ def test_forces_follow_the_closed_form_for_any_number_of_images(model: Path, cou
     assert forces == pytest.approx(expected, abs=1e-5)
 
 
+def test_a_probability_that_round_off_carries_past_one_is_one(model: Path):
+    """As runtimes for single precision answer where contact is certain."""
+    estimator = OnnxEstimator.load(model)
+
+    class Certain:
+        def run(self, names: list[str], given: dict[str, np.ndarray]) -> list[np.ndarray]:
+            values, error, contact, score = estimator.session.run(names, given)
+            return [values, error, np.full_like(contact, np.nextafter(np.float32(1), np.float32(2))), score]
+
+    found = replace(estimator, session=Certain()).read(np.zeros((2, 6, 8), np.uint8))
+    assert np.all(found.contact == 1)
+
+
 def test_intervals_follow_the_closed_form(model: Path):
     """Half widths at 90 %: three times the expected error, 0.1 N + 0.1 F; once where the estimate is zero."""
     images = np.stack([np.zeros((6, 8), np.uint8), np.full((6, 8), 51, np.uint8)])  # mean 0 and 0.2

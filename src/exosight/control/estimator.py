@@ -241,6 +241,7 @@ class OnnxEstimator:
         if not ((np.abs(found) <= _LARGEST).all() and (np.abs(ood_score) <= _LARGEST).all()):
             raise DataError("the network answers numbers that are not finite; train and export it again")
         values, expected_error, contact = found
+        contact = np.clip(contact, 0, 1)  # a logistic function in single precision may pass 1 by its last bit
         ood_score /= np.float32(card.ood_limit)
         forced = nonnegative(card.schema)
         return {
