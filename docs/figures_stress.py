@@ -6,7 +6,6 @@ stress_paper.json    exosight stress --gains 5 --episodes 100
 stress_latency.json  as stress.json, with --latency 0.1 0.1 --dropped 0.1 0.1 --repeated 0 0 --bursts 0
                      --no-wrong-plant --no-wrong-camera --no-moving-user
 stress_index_true.json   exosight stress --system index --controllers oracle adaptive guarded --gains
-                         --episodes 100
 stress_index_image.json  as before, with --model index-control
 """
 
