@@ -103,7 +103,9 @@ def test_what_the_page_concludes_of_rods_in_contact_is_what_was_measured(found: 
     slow = next(error for setting, error in theirs.items() if "mm/s" in setting)
     assert slow > 0.2
     assert theirs["104 elements, 1e+06 N/m²"] < 0.6 * theirs["52 elements, 1e+06 N/m²"] < 0.1
-    assert max(error for setting, error in of("strands", "exosight").items() if setting != "5 elements") < 0.0025
+    assert (
+        max(error for setting, error in of("strands", "exosight").items() if setting != "5 elements") < 0.0025
+    )
     assert min(of("strands", "PyElastica").values()) > 1.9
     coarse, fine = of("twist", "PyElastica").values()
     assert max(of("twist", "exosight").values()) < 0.006
