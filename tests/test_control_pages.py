@@ -69,13 +69,15 @@ def test_no_episode_is_unrecovered_late_or_commanded_beyond_limits(episodes):
 
 
 def test_the_adaptive_controller_attains_more_and_hardly_ever_gives_up(episodes):
-    for name in ("stress_index_true", "stress_index_image"):
+    # Of 1,000 episodes, as the page says. The guarded controller gains from the network of the loop too.
+    for name, beyond, ratio in (("stress_index_true", 3, 1.5), ("stress_index_image", 1, 1.4)):
+        assert episodes[name]["about"]["episodes"] == 1000
         found = episodes[name]["controllers"]
         adaptive, guarded = found["adaptive"], found["guarded"]
         for each in (adaptive, guarded, found["oracle"]):
             for count in ("unrecovered", "released_late", "commands_outside"):
                 assert each[count] == 0
-        assert adaptive["outside_contact_limit"] <= 3  # of 1,000 episodes, as the page says
+        assert adaptive["outside_contact_limit"] <= beyond
         assert found["oracle"]["attained"] == adaptive["attainable"]
-        assert adaptive["attained"] > 1.4 * guarded["attained"]
+        assert adaptive["attained"] > ratio * guarded["attained"]
         assert adaptive["given_up"] < 0.1 * guarded["given_up"]
