@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.neighbours import RESULTS, Case, write
+from benchmarks.rest import Simulator
 from benchmarks.strands import strands
 from benchmarks.twist import twists
 from exosight import lie
@@ -99,12 +100,6 @@ class Exosight:
         return float(stretch[-2] / stretch[1])
 
 
-class _Simulator(
-    elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing, elastica.Damping, elastica.Contact
-):
-    """PyElastica's way to say what a simulation may contain."""
-
-
 class _Pulled(elastica.ConstraintBase):
     """The last node moves downwards, at a speed that rises over RAMP."""
 
@@ -151,7 +146,7 @@ class PyElastica:
             np.array([0.0, -0.05, 0.0]), np.array([0.0, 1, 0]), np.array([0.0, 0, 1]), 0.1, DRUM, DENSITY
         )
         step = 0.2 * size / np.sqrt(YOUNG / DENSITY)
-        simulator = _Simulator()
+        simulator = Simulator()
         for system in (rod, drum):
             simulator.append(system)
         simulator.constrain(drum).using(

@@ -94,7 +94,7 @@ def _converged_tip(robot: Robot, found: Equilibria) -> np.ndarray:
     return np.asarray(_walk(robot, found.q[0, 0]).position[robot.frame("rod", -1), ::2])
 
 
-class _Simulator(
+class Simulator(
     elastica.BaseSystemCollection,
     elastica.Constraints,
     elastica.Forcing,
@@ -131,7 +131,7 @@ class PyElastica:
             shear_modulus=28 / 27 * YOUNG / 3,
         )
         sphere = elastica.Sphere(np.array([CENTRE[0], 0.0, CENTRE[1]]), SPHERE, DENSITY)
-        simulator, held = _Simulator(), [rod, sphere] if self.sphere else [rod]
+        simulator, held = Simulator(), [rod, sphere] if self.sphere else [rod]
         for system in held:
             simulator.append(system)
         for system in held:
@@ -158,7 +158,7 @@ class PyElastica:
         return Rest(rod.position_collection[::2, -1].copy(), push)
 
 
-def _settle(simulator: _Simulator, rod: elastica.CosseratRod, step: float, longest: float = 10.0) -> None:
+def _settle(simulator: Simulator, rod: elastica.CosseratRod, step: float, longest: float = 10.0) -> None:
     """Steps until nothing moves, looked at every 0.05 s."""
     stepper, now, look = elastica.PositionVerlet(), np.float64(0.0), RAMP
     while now < longest:

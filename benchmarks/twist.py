@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.neighbours import Case
+from benchmarks.rest import Simulator
 from exosight import lie
 from exosight.mechanics import (
     Bushing,
@@ -83,10 +84,6 @@ class Exosight:
         return float(angle - turn * found.q[0, -1, -2])
 
 
-class _Simulator(elastica.BaseSystemCollection, elastica.Constraints, elastica.Damping, elastica.Contact):
-    """PyElastica's way to say what a simulation may contain."""
-
-
 class _Moved(elastica.ConstraintBase):
     """The last element turns about the axis and comes nearer along it, its two nodes with it."""
 
@@ -127,7 +124,7 @@ class PyElastica:
         )  # fmt: skip
         rod.rest_kappa[0] = BENT
         step = 0.2 * size / np.sqrt(YOUNG / DENSITY)
-        simulator = _Simulator()
+        simulator = Simulator()
         simulator.append(rod)
         simulator.constrain(rod).using(
             elastica.FixedConstraint, constrained_position_idx=(0, 1), constrained_director_idx=(0,)
