@@ -12,6 +12,7 @@ from exosight.cpu import cores
 from exosight.mechanics.continuation_state import SNAPS, ContinuationState, Records
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.mechanics.evaluator import program_of
+from exosight.mechanics.known_numbers import known_numbers
 from exosight.mechanics.lanes import Compiled, Lanes, Problems, Queue, compiled
 
 ROOM = 1, 32
@@ -90,13 +91,14 @@ def solve(
     lanes = min(options.lanes or (8 if on_cpu else 2048), 1 << max(0, robots - 1).bit_length())
     kinds = tuple((leaf.shape[1:], leaf.dtype) for leaf in problems.leaves)
     shapes = tuple(shape for shape, _ in kinds)
-    program = program_of(problems.structure, shapes, channels) if options.unrolled else None
+    known = known_numbers(problems.structure, problems.leaves)
+    program = program_of(problems.structure, shapes, channels, known) if options.unrolled else None
     code = compiled(problems.structure, kinds, program)
     found = _nothing(problems)
-    known = kept.restore(found) if kept else []
-    queue = Queue(problems, sorted(set(range(robots)) - set(known)), lanes, code)
-    if known:
-        done(len(known))
+    restored = kept.restore(found) if kept else []
+    queue = Queue(problems, sorted(set(range(robots)) - set(restored)), lanes, code)
+    if restored:
+        done(len(restored))
 
     def finished(number: int) -> None:
         if kept:

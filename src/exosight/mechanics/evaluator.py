@@ -16,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation, potential
 from exosight.mechanics.kinematics import Motion
+from exosight.mechanics.known_numbers import Known, with_known
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.term import Memories
@@ -100,8 +101,12 @@ def by_program(program: Unrolled, metric: Metric, design: Float[AnyArray, " hand
 
 
 @lru_cache(maxsize=64)
-def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels: int) -> Unrolled | None:
+def program_of(
+    structure: Hashable, shapes: Sequence[tuple[int, ...]], channels: int, known: Known = b""
+) -> Unrolled | None:
     """The program of robots of a structure whose arrays have these shapes; None where there is none.
+
+    known   `known_numbers` of all these robots
 
     There is none without a CPU, or where a function holds what cannot be unrolled.
     """
@@ -111,7 +116,7 @@ def program_of(structure: Hashable, shapes: Sequence[tuple[int, ...]], channels:
     def function(
         leaves: list[Array], at: tuple[Array, Array, Memories, Array], step: tuple[Array]
     ) -> tuple[tuple, Reached, Array]:
-        robot = jax.tree.unflatten(structure, leaves)
+        robot = jax.tree.unflatten(structure, with_known(structure, known, leaves))
         reached, motion = _reached(robot, Metric.of(robot), *at)
         return (), reached, _step_fraction(robot, motion, *step)
 

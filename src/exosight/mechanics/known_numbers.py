@@ -1,0 +1,96 @@
+"""Numbers of a design that a program need not compute with: the zeros and ones of its placements.
+
+A finger in a plane has mounts, offsets and natural strains without a component out of it. In a program whose
+robots all have these zeros, whatever they multiply disappears, and what follows from that: half of the
+operations of the published exosuit.
+
+Numbers count in groups, so that few different programs are made: each one of a pose, and each component of
+the strains of a body or of all vectors of a body or a term.
+"""
+
+from collections import defaultdict
+from collections.abc import Hashable, Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+Known = bytes
+"""Of each group of numbers: ZERO, ONE, or UNKNOWN."""
+
+ZERO, ONE, UNKNOWN = range(3)
+
+
+class Groups(NamedTuple):
+    """Groups of a robot's numbers, that are known together.
+
+    leaves   which of its arrays have numbers in a group
+    order    (numbers,)   those of these arrays, one after the other, group by group
+    start    (groups,)    where each begins in `order`
+    """
+
+    leaves: list[int]
+    order: Int[np.ndarray, " numbers"]
+    start: Int[np.ndarray, " groups"]
+
+
+def known_numbers(structure: Hashable, leaves: Sequence[Float[np.ndarray, "robots ..."]]) -> Known:
+    """What is zero, or one, in all robots of a structure, from their arrays."""
+    groups = _groups(structure, tuple(leaf.shape[1:] for leaf in leaves))
+    if not groups.leaves:
+        return b""
+    count = len(leaves[0])
+    numbers = np.concatenate([leaves[i].reshape(count, -1) for i in groups.leaves], axis=1)[:, groups.order]
+    zero, one = (np.logical_and.reduceat(_all_equal(numbers, value), groups.start) for value in (0.0, 1.0))
+    return np.where(zero, ZERO, np.where(one, ONE, UNKNOWN)).astype(np.uint8).tobytes()
+
+
+def _all_equal(numbers: Float[np.ndarray, "robots numbers"], value: float) -> Bool[np.ndarray, " numbers"]:
+    return np.all(numbers == value, axis=0)
+
+
+def with_known(structure: Hashable, known: Known, leaves: Sequence[Any]) -> list[Any]:
+    """A robot's arrays with the numbers that are known in their places; nothing known: as they are."""
+    leaves = list(leaves)
+    if not known:
+        return leaves
+    groups = _groups(structure, tuple(np.shape(leaf) for leaf in leaves))
+    sizes = [np.size(leaves[i]) for i in groups.leaves]
+    numbers = np.full(sum(sizes), np.nan)
+    counts = np.diff(np.append(groups.start, len(groups.order)))
+    values = np.array([0.0, 1.0, np.nan])[np.frombuffer(known, np.uint8)]
+    numbers[groups.order] = np.repeat(values, counts)
+    for i, own in zip(groups.leaves, np.split(numbers, np.cumsum(sizes)[:-1]), strict=True):
+        value = own.reshape(np.shape(leaves[i]))
+        leaves[i] = jax.numpy.where(np.isnan(value), leaves[i], value)
+    return leaves
+
+
+@lru_cache(maxsize=64)
+def _groups(structure: Any, shapes: tuple[tuple[int, ...], ...]) -> Groups:
+    robot = jax.tree.unflatten(structure, [np.zeros(shape) for shape in shapes])
+    members = defaultdict[Any, list[np.ndarray]](list)
+    leaves: list[int] = []
+    total = 0
+    for i, (path, leaf) in enumerate(jax.tree.leaves_with_path(robot)):
+        # What a term remembers is no number of the design.
+        if path[-1] == jax.tree_util.GetAttrKey("memory") or leaf.shape[-1:] not in ((3,), (4,), (6,)):
+            continue
+        if leaf.shape[-1] == 4 and leaf.shape[-2:] != (4, 4):
+            continue
+        places = total + np.arange(leaf.size)
+        columns = places.reshape(-1, leaf.shape[-1]).T
+        for k, column in enumerate(columns):
+            if leaf.shape[-2:] == (4, 4):
+                for place in column:
+                    members[i, place] = [place[None]]
+            else:
+                owner = path[:-1] if leaf.shape[-1] == 3 else path
+                members[owner, leaf.shape[-1], k].append(column)
+        leaves.append(i)
+        total += leaf.size
+    together = [np.concatenate(of_group) for of_group in members.values()]
+    order = np.concatenate(together) if together else np.zeros(0, int)
+    return Groups(leaves, order, np.cumsum([0, *map(len, together)])[:-1])
