@@ -247,8 +247,10 @@ def weighted_squares(
     """Σ factor xᵀ x over the points that count, each pair of coordinates once."""
     count = columns.shape[2]
     i, j = np.triu_indices(count)
-    products = jnp.sum((factors[..., None] * columns)[..., i] * columns[..., j], axis=1)
-    half = jnp.sum(where_each(counts, products), axis=0)
+    # A choice of each factor, not of their product: of 25 numbers, not of 325.
+    left = where_each(counts, factors[..., None] * columns).reshape(-1, count)
+    right = where_each(counts, columns).reshape(-1, count)
+    half = jnp.einsum("pk,pk->k", left[:, i], right[:, j])
     place = np.zeros((count, count), int)
     place[i, j] = place[j, i] = np.arange(len(i))
     return half[place]
@@ -269,25 +271,6 @@ def point_wrench(
 ) -> Float[Array, "*batch 6"]:
     """The spatial wrench (p × f, f) of f = ∂E/∂p at a point."""
     return jnp.concatenate([jnp.cross(position, gradient), gradient], axis=-1)
-
-
-def moments_stiffness(
-    force: Float[Array, "*batch 3"], moments: Float[Array, "*batch 3 3"]
-) -> tuple[Float[Array, "*batch 6"], Float[Array, "*batch 6 6"]]:
-    """The spatial wrench and stiffness of constant forces on points, from Σ f and Σ p fᵀ.
-
-    Of one, they are what `point_wrench` and `point_stiffness` give: f × (p × x) = p (f · x) − x (f · p).
-    """
-    torque = jnp.stack(
-        [moments[..., i - 2, i - 1] - moments[..., i - 1, i - 2] for i in range(3)],
-        axis=-1,
-    )
-    trace = jnp.trace(moments, axis1=-2, axis2=-1)[..., None, None]
-    turn = 0.5 * (moments + jnp.swapaxes(moments, -1, -2)) - trace * np.eye(3)
-    mixed = -0.5 * lie.hat(force)
-    upper = jnp.concatenate([turn, mixed], axis=-1)
-    lower = jnp.concatenate([jnp.swapaxes(mixed, -1, -2), jnp.zeros_like(turn)], axis=-1)
-    return jnp.concatenate([torque, force], axis=-1), jnp.concatenate([upper, lower], axis=-2)
 
 
 def point_stiffness(

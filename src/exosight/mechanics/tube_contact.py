@@ -25,15 +25,15 @@ from exosight import lie
 from exosight.arrays import AnyArray
 from exosight.mechanics.contact import Pressing, fraction_to_contact
 from exosight.mechanics.kinematics import Motion, at_points, spread
-from exosight.mechanics.rod import Rod
+from exosight.mechanics.rod import Rod, step_samples
 from exosight.mechanics.surfaces import NOWHERE, Samples, Tube, hermite, slopes
 from exosight.mechanics.term import (
     Bound,
     Configuration,
     Expansion,
     Term,
-    moments_stiffness,
     on_frames,
+    square,
     weighted_squares,
     where_each,
     zero,
@@ -194,48 +194,67 @@ class TubeContact(Term):
 
     def bind(self, tree: Tree) -> Bound:
         """Wrenches on both points beside a sample and on both nodes of the piece that it is closest to, and
-        the second derivative by coordinates."""
+        the second derivative by coordinates.
+
+        That depends on how the other points and nodes move against the first of the two points, which no
+        coordinate before it changes. With its turn ω, and a the motion of the sample against the closest
+        place across the normal n as seen from there, the motion across n in the world is a + d ω × n at the
+        distance d of both, so −½ f/d of its square for a force f is
+
+            −½ f/d a² − f ω · (n × a) − ½ f d |ω × n|².
+        """
         a, b, samples = self.first.frames(tree), self.second.frames(tree), self.samples(tree)
         coordinates = tree.moving(self.frames(tree))
         moving = np.array(coordinates, int)
         weight = self._weight(tree)
-        may_touch = self._may_touch(tree, samples.piece)
+        pieces = np.arange(len(b) - 1)
+        may_hold = _of_pieces(self._may_touch(tree, samples.piece))
+        bends = self._bends(tree, coordinates)[samples.piece]
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
             at, own = self.closest(tree, motion.pose), samples.levers(motion.pose[a])
-            jacobian = motion.jacobian[:, :, moving]
             push = weight * jnp.maximum(at.overlap, 0.0)
             force = -push[:, None] * at.normal
             levers, weights = _levers(at, 0)
             touches = at.overlap > 0
-            pulls = jnp.zeros((tree.frames, 4, 3))
+            holds = (at.piece[:, None] == pieces) & may_hold
+            chosen = where_each(touches, jnp.where(holds, 1.0, 0.0))
             # On both points beside the sample the force, on the nodes of its piece its opposite.
-            for i, frames in enumerate((a[:-1], a[1:])):
-                pull = where_each(touches, _pulls(samples.share[:, i], own[:, i], force))
-                pulls += on_frames(jnp.einsum("jp,pik->jik", samples.of_piece, pull), frames, tree.frames)
-            for node in range(2):
-                of_node = (at.piece[:, None] + node == np.arange(len(b))) & may_touch
-                chosen = where_each(touches, jnp.where(of_node, 1.0, 0.0))
-                pull = _pulls(weights[:, node], levers[:, node], force)
-                pulls -= on_frames(jnp.einsum("pn,pik->nik", chosen, pull), b, tree.frames)
-            wrench, stiffness = moments_stiffness(pulls[:, 0], pulls[:, 1:])
-            moved = samples.moved(own, jacobian[a]) - _carried(at, jacobian[b])
-            turned = jnp.zeros(moved.shape[::2])
+            pulls = jnp.zeros((tree.frames, PULL))
+            lean = (push * at.distance)[:, None, None] * (square(at.normal) - np.eye(3))
+            for i, (points, nodes) in enumerate(((a[:-1], b[:-1]), (a[1:], b[1:]))):
+                pull = _pulls(samples.share[:, i], own[:, i], force, lean if i == 0 else 0 * lean)
+                pull = samples.of_piece @ where_each(touches, pull)
+                pulls += on_frames(pull, points, tree.frames)
+                pull = chosen.T @ _pulls(weights[:, i], levers[:, i], force, 0 * lean)
+                pulls -= on_frames(pull, nodes, tree.frames)
+            wrench, stiffness = _of_pulls(pulls)
+            jacobian = motion.jacobian[:, :, moving]
+            first, second = (jacobian[a[samples.piece + i]] for i in range(2))
+            relative = _moves(samples.share[:, 1], own[:, 1], jnp.where(bends[:, None], second - first, 0.0))
+            slid = jnp.zeros(relative.shape[::2])
             rates, rate_weights = _levers(at, 1)
-            for node in range(2):
-                columns = _row(jacobian[b], at.piece + node)
-                rate = rate_weights[:, node, None] * at.normal
-                turn = jnp.concatenate([jnp.cross(rates[:, node], at.normal), rate], axis=1)
-                turned += jnp.einsum("pi,pia->pa", turn, columns)
-            along = jnp.sum(rates, axis=1)
-            normal = jnp.einsum("pi,pia->pa", at.normal, moved)
-            aside = moved - at.normal[..., None] * normal[:, None]
-            bend = push / at.distance
-            slid = -jnp.einsum("pi,pia->pa", along, aside) / at.distance[:, None] - turned
+            for i in range(2):
+                node = jnp.where(bends[:, None], _row(jacobian[b], at.piece + i) - first, 0.0)
+                relative -= _moves(weights[:, i], levers[:, i], node)
+                slid -= jnp.einsum("pi,pia->pa", at.normal, _moves(rate_weights[:, i], rates[:, i], node))
+            across = _across(at.normal)
+            normal, *aside = (jnp.einsum("pi,pia->pa", n, relative) for n in (at.normal, *across))
+            for direction, moved in zip(across, aside, strict=True):
+                slid -= (jnp.sum(direction * jnp.sum(rates, axis=1), axis=1) / at.distance)[:, None] * moved
+            turning = across[1][..., None] * aside[0][:, None] - across[0][..., None] * aside[1][:, None]
+            turning = samples.of_piece @ where_each(touches, push[:, None, None] * turning).reshape(len(push), -1)
+            turning = turning.reshape(-1, 3, len(moving))
+            pressed = jnp.max(jnp.where((samples.of_piece > 0) & touches, 1.0, 0.0), axis=1) > 0
+            half = -jnp.einsum("jia,jib->ab", jacobian[a[:-1], :3], where_each(pressed, turning))
             follows = jnp.where(at.free, push / jnp.where(at.free, _second(at), 1.0), 0.0)
-            columns = jnp.concatenate([normal[:, None], aside, slid[:, None]], axis=1)
-            factors = jnp.stack([jnp.asarray(weight), -bend, -bend, -bend, follows], axis=1)
-            block = weighted_squares(columns, factors, touches)
+            bend = -push / at.distance
+            block = weighted_squares(
+                jnp.stack([normal, *aside, slid], axis=1),
+                jnp.stack([jnp.asarray(weight), bend, bend, follows], axis=1),
+                touches,
+            )
+            block += half + half.T
             return zero(tree, loads)._replace(
                 energy=0.5 * jnp.sum(weight * jnp.maximum(at.overlap, 0.0) ** 2),
                 wrench=wrench,
@@ -244,6 +263,21 @@ class TubeContact(Term):
             )
 
         return expand
+
+    def _bends(self, tree: Tree, coordinates: tuple[int, ...]) -> Bool[np.ndarray, "pieces coordinates"]:
+        """Which coordinates move anything that the places on each piece may touch against its first point."""
+        rod = tree[self.first.rod]
+        assert isinstance(rod, Rod)
+        if self.first.rod != self.second.rod:
+            return np.ones((rod.frames - 1, len(coordinates)), bool)
+        own = tree.dof_slice(rod.name)
+        first = own.start + rod.joint.dofs
+        samples = rod.functions(step_samples(rod.quadrature.points).ravel())
+        of_step = np.any(samples.reshape(rod.frames - 1, -1, own.stop - first) != 0, axis=1)
+        later = np.logical_or.accumulate(of_step[::-1], axis=0)[::-1]
+        place = np.array(coordinates) - first
+        inside = (place >= 0) & (place < own.stop - first)
+        return later[:, np.where(inside, place, 0)] & inside
 
     def _weight(self, tree: Tree) -> Float[AnyArray, " samples"]:
         """Of the length of tube that each sample stands for [N/m]."""
@@ -371,6 +405,13 @@ class TubeContact(Term):
         return nodes > piece[:, None] if own else np.ones((len(piece), len(nodes)), bool)
 
 
+def _of_pieces(nodes: Bool[np.ndarray, "points nodes"]) -> Bool[np.ndarray, "points pieces"]:
+    """Of the piece that begins at each node; what holds for the last node holds for the last piece."""
+    pieces = nodes[:, :-1].copy()
+    pieces[:, -1] |= nodes[:, -1]
+    return pieces
+
+
 def _middles(values: Float[Array, "points 3"]) -> Float[Array, "pieces 3"]:
     """Means of each point and the next one."""
     return 0.5 * (values[1:] + values[:-1])
@@ -394,11 +435,52 @@ def _four_radii(nodes: Piece) -> Float[Array, "points 4"]:
     return jnp.stack([nodes.radius, nodes.slope], axis=2).reshape(-1, 4)
 
 
+PULL = 12
+"""Numbers of a force on a point: see `_pulls`."""
+
+_UPPER = np.triu_indices(3)
+
+
 def _pulls(
-    share: Float[AnyArray, " points"], lever: Float[Array, "points 3"], force: Float[AnyArray, "points 3"]
-) -> Float[Array, "points 4 3"]:
-    """share f, and lever fᵀ below it."""
-    return jnp.concatenate([share[:, None], lever], axis=1)[..., None] * force[:, None]
+    share: Float[AnyArray, " points"],
+    lever: Float[Array, "points 3"],
+    force: Float[AnyArray, "points 3"],
+    stiffness: Float[Array, "points 3 3"],
+) -> Float[Array, "points 12"]:
+    """Of a constant force on what moves by share v + ω × lever: the force on v, its torque, and the second
+    derivative of its work by ω, and of another energy of ω."""
+    outer = lever[:, :, None] * force[:, None]
+    work = jnp.sum(lever * force, axis=1)[:, None, None]
+    turn = 0.5 * (outer + jnp.swapaxes(outer, 1, 2)) - work * np.eye(3) + stiffness
+    return jnp.concatenate([share[:, None] * force, jnp.cross(lever, force), turn[:, *_UPPER]], axis=1)
+
+
+def _of_pulls(pulls: Float[Array, "frames 12"]) -> tuple[Float[Array, "frames 6"], Float[Array, "frames 6 6"]]:
+    """Spatial wrenches and stiffnesses of what acts on each frame."""
+    force, torque, turn = pulls[:, :3], pulls[:, 3:6], pulls[:, 6:]
+    place = np.zeros((3, 3), int)
+    place[_UPPER] = place[_UPPER[::-1]] = np.arange(6)
+    mixed = -0.5 * lie.hat(force)
+    upper = jnp.concatenate([turn[:, place], mixed], axis=2)
+    lower = jnp.concatenate([jnp.swapaxes(mixed, 1, 2), jnp.zeros_like(mixed)], axis=2)
+    return jnp.concatenate([torque, force], axis=1), jnp.concatenate([upper, lower], axis=1)
+
+
+def _moves(
+    share: Float[AnyArray, " points"], lever: Float[Array, "points 3"], twists: Float[Array, "points 6 some"]
+) -> Float[Array, "points 3 some"]:
+    """share v + ω × lever of each twist."""
+    return share[:, None, None] * twists[:, 3:] - lie.hat(lever) @ twists[:, :3]
+
+
+def _across(normal: Float[Array, "points 3"]) -> tuple[Float[Array, "points 3"], Float[Array, "points 3"]]:
+    """Two unit vectors t₁, t₂ with n × t₁ = t₂; for a normal in the x-y plane the first one is too."""
+    x, y, z = normal.T
+    none = jnp.zeros_like(x)
+    flat = (jnp.abs(z) < 0.9)[:, None]
+    first = jnp.where(flat, jnp.stack([y, -x, none], axis=1), jnp.stack([none, z, -y], axis=1))
+    first = first / jnp.sqrt(jnp.sum(first**2, axis=1))[:, None]
+    return first, jnp.cross(normal, first)
 
 
 def _levers(at: Closest, order: int) -> tuple[Float[Array, "points 2 3"], Float[Array, "points 2"]]:
@@ -411,12 +493,8 @@ def _levers(at: Closest, order: int) -> tuple[Float[Array, "points 2 3"], Float[
 def _carried(at: Closest, nodes: Float[Array, "nodes 6 some"]) -> Float[Array, "points 3 some"]:
     """How the closest places move at fixed t, from twists of the second tube's nodes."""
     levers, weights = _levers(at, 0)
-    moved = jnp.zeros((len(at.t), 3, nodes.shape[2]))
-    for node in range(2):
-        columns = _row(nodes, at.piece + node)
-        moved += weights[:, node, None, None] * columns[:, 3:]
-        moved -= lie.hat(levers[:, node]) @ columns[:, :3]
-    return moved
+    first, second = (_moves(weights[:, i], levers[:, i], _row(nodes, at.piece + i)) for i in range(2))
+    return first + second
 
 
 def _slide(
