@@ -55,10 +55,10 @@ def worn(height: float) -> tuple[Robot, SolidContact]:
     """A rod with all strains above two links on hinges about different axes, and below two planes."""
     soft = rod(STRAINS, Gauss(2, 4), mount=lie.translation(jnp.array([0.0, 0.001, height])))
     site = jnp.zeros((1, 3))
-    upper = Link("upper", 0.045, site, joint=Revolute((0.0, 1.0, 0.0), stiffness=0.04))
+    upper = Link("upper", 0.0453, site, joint=Revolute((0.0, 1.0, 0.0), stiffness=0.04))
     lower = Link("lower", 0.025, site, parent="upper", joint=Revolute((0.0, 0.6, 0.8), stiffness=0.03))
     solids = Solids(
-        (("upper", 0), ("lower", 0)), jnp.array([0.045, 0.025]), jnp.array([[0.011, 0.009], [0.009, 0.006]])
+        (("upper", 0), ("lower", 0)), jnp.array([0.0453, 0.025]), jnp.array([[0.011, 0.009], [0.009, 0.006]])
     )
     contact = SolidContact(tube(soft), solids, jnp.array(STIFFNESS))
     planes = [
@@ -129,7 +129,7 @@ def curl(request: pytest.FixtureRequest) -> tuple[Robot, np.ndarray]:
     soft = rod(points=points) if request.param == "plane" else rod(STRAINS, points)
     own = TubeContact(tube(soft), tube(soft), jnp.array(STIFFNESS))
     robot = Robot((soft,), (own,))
-    q = np.random.default_rng(0).normal(size=robot.dofs) * 0.02
+    q = np.random.default_rng(7).normal(size=robot.dofs) * 0.02
     bend = [name for name, _ in soft.strains].index("bend_y") * 9
     q[bend : bend + 9] += [0, 0, 0, 6.5, 15.5, 6.5, 0, 0, 0]
     assert (np.asarray(touching(own, robot, jnp.asarray(q)).overlap) > 1e-4).sum() >= 2

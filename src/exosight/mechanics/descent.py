@@ -25,6 +25,10 @@ LARGEST = 0.5
 NEAR = 1e-3
 """Residual from which on Newton's method alone finds the end of a descent with friction."""
 
+SHORTEST = 1e-6
+"""Part of a step with friction, down to which it is tried. Where no shorter one leads downhill either, the force
+has a jump (a point passes to another body): what lies beyond it is remembered, and the descent goes on there."""
+
 
 class Descent(NamedTuple):
     """Where a descent is.
@@ -76,10 +80,13 @@ def accept(
     good = jnp.where(hidden, (residual <= descent.residual) | ~descent.convex, (change < 0) & (ratio > 0.1))
     if there.coupling is not None:  # between stick and slip, Newton's method need not lead downhill
         good = good | (near_rest(descent) & (residual < 100 * NEAR) & (fraction >= 1))
+    jump = jnp.array(False)
+    if there.coupling is not None:
+        jump = ~good & (fraction < SHORTEST)
     if not conservative:
         good = residual <= (1 - 1e-4 * fraction) * descent.residual
-    accepted = descent.fresh | (good & jnp.isfinite(residual))
-    length = fraction * metric.size(descent.step)
+    accepted = descent.fresh | ((good | jump) & jnp.isfinite(residual))
+    length = jnp.where(jump, 0.1, fraction) * metric.size(descent.step)
     wider = jnp.where(ratio > 0.6, jnp.maximum(descent.radius, 2 * length), descent.radius)
     wider = jnp.where(ratio < 0.25, 0.5 * length, wider)
     radius = jnp.where(

@@ -31,6 +31,10 @@ SAMPLES = 2.5
 """Places of contact on solids for each piece between a rod's points, in the mean. A round end is touched
 along 1 to 2 mm, the points of the published exosuit are up to 3.7 mm apart."""
 
+TIP_PART, TIP_DENSITY = 0.15, 2
+"""Share of a tube towards its end, and how much denser places are there: what a round end touches, it touches
+with little of its length, and a fingertip at two zones half a millimetre apart."""
+
 
 def line_stiffness(young: float, poisson: float) -> float:
     """π/4 · E/(1 − ν²): force a length and a depth of a long cylinder pressed on a flat rigid body [N/m²].
@@ -158,13 +162,17 @@ def _places(
     Float[np.ndarray, " samples"],
     Float[np.ndarray, "points samples"],
 ]:
-    """Middles of equal parts of [0, 1], and the end: the piece of each, Hermite functions of both its points
-    (value, slope), weight, and shares of both by linear interpolation."""
+    """Middles of equal parts of [0, 1], shorter ones towards the end, and the end: the piece of each, Hermite
+    functions of both its points (value, slope), weight, and shares of both by linear interpolation."""
     points = quadrature.points
-    place = np.append((np.arange(count) + 0.5) / count, 1.0)
+    before, after = round(count * (1 - TIP_PART)), round(count * TIP_PART * TIP_DENSITY)
+    edges = np.concatenate(
+        [np.linspace(0, 1 - TIP_PART, before + 1), np.linspace(1 - TIP_PART, 1, after + 1)[1:]]
+    )
+    place = np.append(0.5 * (edges[1:] + edges[:-1]), 1.0)
     piece = np.clip(np.searchsorted(points, place) - 1, 0, len(points) - 2)
     t = (place - points[piece]) / np.diff(points)[piece]
-    weight = np.append(np.full(count, 1 / count), 0.0)
+    weight = np.append(np.diff(edges), 0.0)
     lumping = np.zeros((len(points), len(t)))
     lumping[piece, np.arange(len(t))] = 1 - t
     lumping[piece + 1, np.arange(len(t))] = t

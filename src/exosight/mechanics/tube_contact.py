@@ -12,7 +12,7 @@ of f is n · (δp − δc) at fixed t, and the second one follows from that of t
 
 A rod touches itself between places further apart along it than FAR times the sum of their radii; each place
 looks towards the tip, where a rod that curls up is convex as seen from its base. Places are searched only
-on pieces of the first tube that lie in a ball close to one around a piece of the second tube.
+from pieces of the first tube, and on groups of pieces of the second, that lie in balls close to each other.
 """
 
 from typing import NamedTuple
@@ -46,9 +46,12 @@ FAR = 1.9
 NEWTON_STEPS = 4
 """From a secant, each squares the error of the closest place: 1e-2, 1e-4, 1e-8, 1e-16 of a piece."""
 
-MARGIN = 1.2
-"""Of the distance at which balls around two pieces touch: a closer piece is searched, and no step lets others
-come closer than touching."""
+MARGIN = 0.6
+"""Distance between balls around two pieces, in the radius of the first one's: a closer piece is searched, and
+no step lets others come closer than touching."""
+
+GROUP = 6
+"""Pieces of the second tube that are searched together."""
 
 SAMPLES = 1.25
 """Places of contact for each piece between a rod's points, in the mean."""
@@ -147,9 +150,9 @@ class TubeContact(Term):
         a, b, samples = self.first.frames(tree), self.second.frames(tree), self.samples(tree)
         place, nodes, radius = motion.position[a], motion.pose[b], jnp.asarray(self.first.radius)
         along = self._lengthwise(tree)
-        own = self._closest(
-            tree, place, radius, *self._candidates(tree, np.arange(len(a)), along, radius), nodes
-        )
+        candidates = self._candidates(tree, np.arange(len(a)), along, radius)
+        every = np.ones((len(a), len(self._groups(tree))), bool)
+        own = self._closest(tree, place, radius, *candidates, nodes, every)
         at, levers = self.closest(tree, motion.pose), samples.levers(motion.pose[a])
         touches, weight = at.overlap > 0, self._weight(tree)
         moved = samples.moved(levers, motion.jacobian[a]) - _carried(at, motion.jacobian[b])
@@ -186,10 +189,10 @@ class TubeContact(Term):
             reached, jnp.stack([-jnp.sum(at.normal * moved[..., 0], axis=1), at.distance], axis=1)
         ).T
         touching = fraction_to_contact(at.overlap, distance, closing, at.overlap < 0)
-        apart, together = self._apart(tree, points, nodes)
+        apart, margin = self._apart(tree, points, nodes)
         ways = [_length(at_points(twist[each], motion.position[each])[..., 0]) for each in (a, b)]
         fastest = jnp.maximum(ways[0][1:], ways[0][:-1]) + jnp.max(ways[1]) + 1e-30
-        meeting = jnp.where(apart < MARGIN * together, jnp.inf, (apart - together) / fastest)
+        meeting = jnp.where(apart < margin, jnp.inf, apart / fastest[:, None])
         return jnp.minimum(touching, jnp.min(meeting))
 
     def bind(self, tree: Tree) -> Bound:
@@ -243,7 +246,9 @@ class TubeContact(Term):
             for direction, moved in zip(across, aside, strict=True):
                 slid -= (jnp.sum(direction * jnp.sum(rates, axis=1), axis=1) / at.distance)[:, None] * moved
             turning = across[1][..., None] * aside[0][:, None] - across[0][..., None] * aside[1][:, None]
-            turning = samples.of_piece @ where_each(touches, push[:, None, None] * turning).reshape(len(push), -1)
+            turning = samples.of_piece @ where_each(touches, push[:, None, None] * turning).reshape(
+                len(push), -1
+            )
             turning = turning.reshape(-1, 3, len(moving))
             pressed = jnp.max(jnp.where((samples.of_piece > 0) & touches, 1.0, 0.0), axis=1) > 0
             half = -jnp.einsum("jia,jib->ab", jacobian[a[:-1], :3], where_each(pressed, turning))
@@ -289,31 +294,39 @@ class TubeContact(Term):
         """At the poses of both tubes' points."""
         samples = self.samples(tree)
         place = jnp.sum(samples.levers(points), axis=1)
-        found = self._closest(tree, place, samples.radius, *self._candidates_of_samples(tree), nodes)
-        apart, touching = self._apart(tree, points, nodes)
-        reached = (apart < MARGIN * touching)[samples.piece]
-        return found._replace(overlap=jnp.where(reached, found.overlap, -NOWHERE))
+        apart, margin = self._apart(tree, points, nodes)
+        some = jnp.min(apart, axis=1) < margin[:, 0]
+        reached = (some[:, None] & (apart < margin))[samples.piece]
+        found = self._closest(tree, place, samples.radius, *self._candidates_of_samples(tree), nodes, reached)
+        return found._replace(overlap=jnp.where(some[samples.piece], found.overlap, -NOWHERE))
+
+    def _groups(self, tree: Tree) -> list[slice]:
+        """The second tube's pieces, GROUP at a time."""
+        pieces = len(self.second.frames(tree)) - 1
+        return [slice(first, min(first + GROUP, pieces)) for first in range(0, pieces, GROUP)]
 
     def _apart(
         self, tree: Tree, points: Float[Array, "points 4 4"], nodes: Float[Array, "nodes 4 4"]
-    ) -> tuple[Float[Array, " pieces"], Float[Array, ""]]:
-        """Of each piece of the first tube, how far its middle is from that of the next piece that it may
-        touch; and from where on no two pieces can touch, as balls around them do not [m]."""
+    ) -> tuple[Float[Array, "pieces groups"], Float[Array, "pieces 1"]]:
+        """How far balls around each piece of the first tube and around the next piece of each group of the
+        second one that it may touch are apart; and up to where they are searched [m]."""
         samples = self.samples(tree)
 
-        def ball(tube: Tube) -> Float[Array, ""]:
+        def ball(tube: Tube) -> Float[Array, " pieces"]:
             rod = tree[tube.rod]
             assert isinstance(rod, Rod)
-            longest = rod.length * np.diff(rod.quadrature.points).max()
-            return jnp.max(jnp.asarray(tube.radius)) + HALF * longest
+            radius = jnp.asarray(tube.radius)
+            return jnp.maximum(radius[1:], radius[:-1]) + HALF * rod.length * np.diff(rod.quadrature.points)
 
         far, _ = self._candidates_of_samples(tree)
         # With the nodes of its end that samples of a piece may touch.
         may = (samples.of_piece @ jnp.where(far, 1.0, 0.0))[:, 1:] > 0
-        apart = _middles(points[:, :3, 3])[:, None] - _middles(nodes[:, :3, 3])
-        possible = self._may_touch(tree, np.arange(len(apart)))[:, 1:]
-        square = jnp.where(possible & may, jnp.sum(apart**2, axis=-1), NOWHERE**2)
-        return jnp.sqrt(jnp.min(square, axis=1)), ball(self.first) + ball(self.second)
+        may &= self._may_touch(tree, np.arange(len(points) - 1))[:, 1:]
+        between = _middles(points[:, :3, 3])[:, None] - _middles(nodes[:, :3, 3])
+        apart = jnp.where(may, jnp.sqrt(jnp.sum(between**2, axis=-1) + 1e-30) - ball(self.second), NOWHERE)
+        own = ball(self.first)[:, None]
+        least = [jnp.min(apart[:, group], axis=1) for group in self._groups(tree)]
+        return jnp.stack(least, axis=1) - own, MARGIN * own
 
     def _closest(
         self,
@@ -323,8 +336,10 @@ class TubeContact(Term):
         far: Bool[AnyArray, "points nodes"],
         may: Bool[np.ndarray, "points nodes"],
         nodes: Float[Array, "nodes 4 4"],
+        reached: Bool[AnyArray, "points groups"],
     ) -> Closest:
-        """Of spheres with these centres and radii; `far` and `may`: see `_candidates`."""
+        """Of spheres with these centres and radii, among the groups of pieces that are `reached`; `far` and
+        `may`: see `_candidates`."""
         rod = tree[self.second.rod]
         assert isinstance(rod, Rod)
         node, direction = nodes[:, :3, 3], nodes[:, :3, 0]
@@ -342,8 +357,15 @@ class TubeContact(Term):
         may = np.concatenate([may[:, :1], may], axis=1)
         near = jnp.concatenate([far[:, :1], far], axis=1)
         score = jnp.where(holds & may & near, lowest, NOWHERE)
-        best = jnp.argmin(score, axis=1)
         last = len(node) - 1
+        least, best = jnp.full(len(point), NOWHERE), jnp.zeros(len(point), int)
+        for group, searched in zip(self._groups(tree), reached.T, strict=True):
+            # Number i is in piece i − 1, and at the ends of the tube in the first and the last one.
+            first, end = (0 if group.start == 0 else group.start + 1), group.stop + 1 + (group.stop == last)
+            lowest = jnp.where(searched, jnp.min(score[:, first:end], axis=1), NOWHERE)
+            place = jnp.where(searched, first + jnp.argmin(score[:, first:end], axis=1), 0)
+            best = jnp.where(lowest < least, place, best)
+            least = jnp.minimum(lowest, least)
         piece = jnp.clip(best - 1, 0, last - 1)
         free = (best > 0) & (best <= last)
         long = jnp.concatenate([spacing, jnp.zeros(1)])
@@ -361,8 +383,7 @@ class TubeContact(Term):
         between = point - jnp.sum(hermite(t, 0)[..., None] * _four(piece_nodes), axis=1)
         distance = jnp.sqrt(jnp.sum(between**2, axis=-1) + 1e-30)
         other = jnp.sum(hermite(t, 0) * _four_radii(piece_nodes), axis=1)
-        exists = jnp.min(score, axis=1) < NOWHERE
-        overlap = jnp.where(exists, thick + other - distance, -NOWHERE)
+        overlap = jnp.where(least < NOWHERE, thick + other - distance, -NOWHERE)
         return Closest(piece, t, free, overlap, distance, between / distance[:, None], piece_nodes)
 
     def _lengthwise(self, tree: Tree) -> Float[AnyArray, " points"]:
@@ -455,7 +476,9 @@ def _pulls(
     return jnp.concatenate([share[:, None] * force, jnp.cross(lever, force), turn[:, *_UPPER]], axis=1)
 
 
-def _of_pulls(pulls: Float[Array, "frames 12"]) -> tuple[Float[Array, "frames 6"], Float[Array, "frames 6 6"]]:
+def _of_pulls(
+    pulls: Float[Array, "frames 12"],
+) -> tuple[Float[Array, "frames 6"], Float[Array, "frames 6 6"]]:
     """Spatial wrenches and stiffnesses of what acts on each frame."""
     force, torque, turn = pulls[:, :3], pulls[:, 3:6], pulls[:, 6:]
     place = np.zeros((3, 3), int)
