@@ -18,7 +18,8 @@ from exosight.mechanics.surface_contact import SolidContact
 from exosight.mechanics.surfaces import Plane, Solids, Tube, line_stiffness
 from exosight.mechanics.term import Term
 from exosight.mechanics.tree import Tree
-from exosight.mechanics.tube_contact import FAR, TubeContact
+from exosight.mechanics.tube_contact import TubeContact
+from exosight.mechanics.tube_distance import FAR
 
 STIFFNESS = 3e5
 LENGTH = 0.09
@@ -201,7 +202,7 @@ def test_no_contact_is_missed_by_searching_near_pieces_alone(
     q[:9] = bend * np.exp(-((np.arange(9) - 4) ** 2))
     pose = walk(robot, jnp.asarray(q)).pose
     near = contact.closest(robot, pose)
-    monkeypatch.setattr("exosight.mechanics.tube_contact.HALF", 1e3)
+    monkeypatch.setattr("exosight.mechanics.tube_distance.HALF", 1e3)
     every = contact.closest(robot, pose)
     np.testing.assert_array_equal(jnp.maximum(near.overlap, 0), jnp.maximum(every.overlap, 0))
     # With a ball of 0.6 pieces too much on either side, what comes within 1 mm is searched as well.

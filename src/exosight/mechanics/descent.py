@@ -26,8 +26,8 @@ NEAR = 1e-3
 """Residual from which on Newton's method alone finds the end of a descent with friction."""
 
 SHORTEST = 1e-6
-"""Part of a step with friction, down to which it is tried. Where no shorter one leads downhill either, the force
-has a jump (a point passes to another body): what lies beyond it is remembered, and the descent goes on there."""
+"""Part of a step with friction, down to which it is tried. Where no shorter one leads downhill either, the
+force has a jump (a point passes to another body): what lies beyond is remembered, and the descent goes on."""
 
 
 class Descent(NamedTuple):

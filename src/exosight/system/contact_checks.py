@@ -16,7 +16,8 @@ from exosight.mechanics.rod import Rod
 from exosight.mechanics.surface_contact import SolidContact
 from exosight.mechanics.surfaces import Plane, Solids, Tube, line_stiffness
 from exosight.mechanics.tree import Tree
-from exosight.mechanics.tube_contact import FAR, TubeContact
+from exosight.mechanics.tube_contact import TubeContact
+from exosight.mechanics.tube_distance import FAR
 
 STIFFEST = 1000.0
 """Largest stiffness, in that of the rod's material. On the controller's exosuit of `index` and of `published`
