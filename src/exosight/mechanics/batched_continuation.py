@@ -188,7 +188,7 @@ def _fill_lanes(
         at = np.flatnonzero(arrived)
         if not len(at):
             continue
-        _keep(found, records, lane, at)
+        _keep(found, records, lane, at, options.eigenvalues)
         over = lane.first[at] + lane.total[at] == loads
         for number in lane.number[at[over]].tolist():
             finished(number)
@@ -227,7 +227,9 @@ def _nothing(problems: Problems) -> Solutions:
     )
 
 
-def _keep(found: Solutions, records: Records, lane: Lanes, at: Int[np.ndarray, " some"]) -> None:
+def _keep(
+    found: Solutions, records: Records, lane: Lanes, at: Int[np.ndarray, " some"], eigenvalues: bool
+) -> None:
     """What some lanes found at their loads; λ of ∇²Π v = λ M v from the whitened Hessian."""
     first, count = lane.first[at], lane.total[at]
     which = np.repeat(np.arange(len(at)), count)
@@ -242,11 +244,15 @@ def _keep(found: Solutions, records: Records, lane: Lanes, at: Int[np.ndarray, "
         rows[into] = so_far[which, along]
     for rows, remembered in zip(found.history, records.memories, strict=True):
         rows[into] = remembered[source]
+    found.converged[into] = records.converged[source]
+    if not eigenvalues:
+        found.min_eigenvalue[into] = np.nan
+        return
     whitener = lane.given.robots.whitener[at[which]]
     whitened = whitener @ records.hessian[source] @ np.swapaxes(whitener, 1, 2)
     eigenvalue = _smallest_eigenvalues(whitened)
     found.min_eigenvalue[into] = eigenvalue
-    found.converged[into] = records.converged[source] & (eigenvalue > 0)
+    found.converged[into] &= eigenvalue > 0
 
 
 def _smallest_eigenvalues(matrices: Float[np.ndarray, "some dofs dofs"]) -> Float[np.ndarray, " some"]:

@@ -22,7 +22,7 @@ from exosight.scalar_program import Unrolled
 Kinds = tuple[tuple[tuple[int, ...], np.dtype], ...]
 """Shape and type of each of a robot's arrays."""
 
-Rows: TypeAlias = Float[np.ndarray, "robots numbers"]
+Rows: TypeAlias = Float[np.ndarray, "robots row"]
 """Some `Robots`, each as a row."""
 
 
@@ -126,10 +126,10 @@ class Compiled(NamedTuple):
 def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
     """For robots that have this in common, by their program or by XLA, and so many loads at a time."""
 
-    def robot_of(arrays: Array) -> Any:
+    def robot_of(arrays: AnyArray) -> Any:
         return jax.tree.unflatten(common.structure, common.leaves(arrays))
 
-    def of_robot(arrays: Array) -> Robots:
+    def of_robot(arrays: AnyArray) -> Robots:
         robot = robot_of(arrays)
         metric = Metric.of(robot)
         whitener = solve_triangular(metric.factor, jnp.eye(robot.dofs), lower=True)
@@ -144,7 +144,11 @@ def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
         def one(row: Array, before: Progress) -> Progress:
             given: Given = layout.given.unpack(row)
             arrays, factor, unit, _, design = given.robots
-            robot, metric, total = robot_of(arrays), Metric(factor, unit), given.total.astype(int)
+            robot, metric, total = (
+                robot_of(arrays),
+                Metric(jnp.asarray(factor), jnp.asarray(unit)),
+                given.total.astype(int),
+            )
             evaluator = by_xla(robot, metric) if program is None else by_program(program, metric, design)
             step = stepper(robot, evaluator, given.loads, total, tolerance, max_iterations)
             anew = begin(given.q, given.origin, given.history, 0)._replace(records=None)

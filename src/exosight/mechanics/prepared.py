@@ -36,7 +36,7 @@ class Prepared:
     ) -> None:
         self.common, self.settings, self.arrays = common, settings, arrays
         shapes = tuple(shape for shape, _ in common.kinds)
-        known = known_numbers(common.structure, common.leaves(arrays))
+        known = known_numbers(common.structure, list(map(np.asarray, common.leaves(arrays))))
         program = program_of(common.structure, shapes, common.channels, known) if settings.unrolled else None
         self.code: Compiled = compiled(common, program, settings.room)
         self._rows = self._prepared(arrays) if len(arrays) <= MOST else None

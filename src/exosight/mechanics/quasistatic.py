@@ -6,6 +6,7 @@ does not depend on which others were asked for, but on where the loads turned ba
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -163,6 +164,7 @@ def _solve(
             f"{expected}, got {[memory.shape for memory in history]}; "
             "give the history of the `State` or `Equilibria` that q comes from"
         )
+    options = replace(options, eigenvalues=options.eigenvalues or not needed.energy)
     common = Common(structure, kinds, needed.dofs, channels, needed.memories)
     arrays = np.concatenate([leaf.reshape(count, -1) for leaf in leaves], axis=1, dtype=float)
     return solve(common, arrays, Problems(q, origin, loads, history), options, done, kept)
@@ -184,18 +186,22 @@ def _flat(robots: Robots) -> tuple[list[np.ndarray], Any]:
 
 
 class _Needed(NamedTuple):
-    """What robots of one structure need: coordinates, loads, of these the clocks, shapes of the memories."""
+    """What robots of one structure need: coordinates, loads, of these the clocks, shapes of the memories; and
+    whether all forces have an energy.
+    """
 
     dofs: int
     loads: int
     clocks: set[int]
     memories: tuple[tuple[int, ...], ...]
+    energy: bool
 
 
 @lru_cache(maxsize=64)
 def _needed(structure: Any, kinds: Kinds) -> _Needed:
     robot: Robot = jax.tree.unflatten(structure, [np.zeros(shape, kind) for shape, kind in kinds])
-    return _Needed(robot.dofs, robot.loads, robot.clocks, tuple(map(np.shape, robot.memories)))
+    memories = tuple(map(np.shape, robot.memories))
+    return _Needed(robot.dofs, robot.loads, robot.clocks, memories, robot.conservative and not memories)
 
 
 def _equilibria(found: Solutions, at: int | slice = slice(None)) -> Equilibria:
