@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from threading import Lock
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
@@ -10,11 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from exosight.cpu import cores
-from exosight.mechanics.compiled_lanes import Common, Rows
+from exosight.mechanics.compiled_lanes import Common
 from exosight.mechanics.continuation_state import SNAPS, Records
 from exosight.mechanics.equilibrium import SolverOptions
-from exosight.mechanics.lanes import Lanes, Problems
-from exosight.mechanics.prepared import Prepared, Settings, prepared
+from exosight.mechanics.lanes import Lanes, Problems, Queue
+from exosight.mechanics.prepared import Settings, prepared
 
 ROOM = 1, 32
 """Loads that a lane takes at a time, for single loads and for paths; longer ones go on in the same lane.
@@ -73,25 +72,6 @@ class Kept(Protocol):
     def finished(self, number: int, found: Solutions) -> None:
         """The row of one more robot is final; called from several threads, which write the other rows."""
         ...
-
-
-class Queue:
-    """Robots that nobody has taken yet, by their numbers."""
-
-    def __init__(self, robots: Prepared, numbers: list[int]) -> None:
-        self.robots, self._numbers = robots, numbers
-        self._lock = Lock()
-        self.stopped = False
-
-    def waiting(self) -> bool:
-        """Whether there are any."""
-        return bool(self._numbers)
-
-    def take(self, most: int) -> tuple[Int[np.ndarray, " some"], Rows]:
-        """Up to so many: their numbers, and what compiled code is told of them."""
-        with self._lock:
-            taken, self._numbers = np.array(self._numbers[:most], int), self._numbers[most:]
-        return taken, self.robots.rows(taken)
 
 
 def solve(

@@ -5,12 +5,14 @@ dispatch each, which for thousands of robots is more than solving them.
 """
 
 from collections.abc import Sequence
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from exosight.mechanics.compiled_lanes import Compiled, Progress, Rows
+from exosight.mechanics.prepared import Prepared
 
 
 class Problems(NamedTuple):
@@ -25,6 +27,25 @@ class Problems(NamedTuple):
     origin: Float[np.ndarray, "robots channels"]
     loads: Float[np.ndarray, "robots loads channels"]
     history: tuple[Float[np.ndarray, "robots ..."], ...]
+
+
+class Queue:
+    """Robots that nobody has taken yet, by their numbers."""
+
+    def __init__(self, robots: Prepared, numbers: list[int]) -> None:
+        self.robots, self._numbers = robots, numbers
+        self._lock = Lock()
+        self.stopped = False
+
+    def waiting(self) -> bool:
+        """Whether there are any."""
+        return bool(self._numbers)
+
+    def take(self, most: int) -> tuple[Int[np.ndarray, " some"], Rows]:
+        """Up to so many: their numbers, and what compiled code is told of them."""
+        with self._lock:
+            taken, self._numbers = np.array(self._numbers[:most], int), self._numbers[most:]
+        return taken, self.robots.rows(taken)
 
 
 class Lanes:

@@ -63,7 +63,8 @@ def prepared(common: Common, settings: Settings, arrays: Float[np.ndarray, "robo
     """The robots of these arrays, as an earlier solve prepared them if these were the same numbers."""
     with _LOCK:
         for at, kept in enumerate(_RECENT):
-            if kept.settings == settings and kept.common == common and np.array_equal(kept.arrays, arrays):
+            alike = kept.settings == settings and kept.common == common
+            if alike and np.array_equal(kept.arrays.view(np.int64), arrays.view(np.int64)):
                 _RECENT.insert(0, _RECENT.pop(at))
                 return kept
     found = Prepared(common, settings, arrays)
