@@ -200,6 +200,46 @@ def test_batch_matches_loop() -> None:
         assert batch.converged[i].all()
 
 
+def test_changed_numbers_of_a_robot_are_solved_anew() -> None:
+    """What is kept of robots from solve to solve is of their numbers, not of the objects that hold them."""
+    robot, loads = cantilever(1), np.array([[2.0]])
+    start = State(np.zeros((1, robot.dofs)), np.zeros((1, 1)))
+    first = advance([robot], start, loads)[1].q
+    robot.bodies[0].young[...] *= 2  # in place
+    stiffer = advance([robot], start, loads)[1].q
+    robot.bodies[0].young[...] /= 2
+    again = advance([robot], start, loads)[1].q
+    assert np.abs(stiffer).max() < 0.9 * np.abs(first).max()
+    np.testing.assert_array_equal(again, first)
+
+
+def test_single_loads_in_any_order_give_the_same() -> None:
+    """More robots than lanes on ways of different lengths, which are taken in the order of these."""
+    robots = [cantilever(1, (0.0, 0.0, s)) for s in (0.5, 1.0, 1.5, 2.0, -1.0)]
+    loads = np.array([[0.1], [2.0], [0.0], [1.0], [3.0]])
+    start = State(np.zeros((5, robots[0].dofs)), np.zeros((5, 1)))
+    found = advance(robots, start, loads, SolverOptions(lanes=2))[1]
+    backwards = advance(robots[::-1], start, loads[::-1], SolverOptions(lanes=2))[1]
+    np.testing.assert_array_equal(backwards.q[::-1], found.q)
+    for i, robot in enumerate(robots):
+        np.testing.assert_allclose(found.q[i], solve(robot, loads[i]).q[0], rtol=1e-9, atol=1e-12)
+
+
+def test_smallest_eigenvalues_are_found_unless_left_out() -> None:
+    """Without them the same stable poses, also beyond Euler's load, where the straight one is not stable."""
+    robots = [cantilever(1, ALONG)]
+    start = State(np.zeros((1, robots[0].dofs)), np.zeros((1, 1)))
+    for load in (0.5 * EULER, 1.5 * EULER):
+        _, found = advance(robots, start, np.array([[load]]))
+        _, short = advance(robots, start, np.array([[load]]), SolverOptions(eigenvalues=False))
+        np.testing.assert_array_equal(short.q, found.q)
+        assert found.min_eigenvalue[0] > 0
+        assert np.isnan(short.min_eigenvalue[0])
+        assert short.converged[0]
+        assert found.converged[0]
+    assert np.abs(found.q).max() > 0.1  # it has left the straight pose
+
+
 def test_every_robot_is_reported_once() -> None:
     """Whichever thread comes first: a hundred times, as some orders are rare."""
     robots = [cantilever(1, (0.0, 0.0, s)) for s in (0.5, 1.0, 1.5, 2.0, -1.0)]

@@ -1,7 +1,7 @@
 """Many simulated plants side by side: each with its own system, its own commands, its own user."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
@@ -87,7 +87,7 @@ class BatchPlant:
     ) -> None:
         if not systems:
             raise InputError("plants: expected at least one system, got none")
-        self.schema, self._options = systems[0].schema, options
+        self.schema, self._options = systems[0].schema, replace(options, eigenvalues=False)
         unlike = (difference(self.schema, system.schema, ("channels", "sensors")) for system in systems[1:])
         if found := next((words for words in unlike if words), None):
             raise InputError(f"plants: expected systems of one schema; {found}")
@@ -95,6 +95,7 @@ class BatchPlant:
         self._gain = np.stack([system.loads(np.ones(len(self.schema.channels))) for system in systems])
         movable = {id(system): _movable(system) for system in systems}
         self._stacked = stack_systems(systems)
+        self._observed = jax.device_put(self._stacked)  # once, and not with every step
         self._own = stack_systems([movable[id(system)] for system in systems])
         self._links = [body for body in systems[0].bodies if isinstance(body, Link) and body.joint.dofs]
         count = len(systems)
@@ -193,14 +194,14 @@ class BatchPlant:
     def _look(self, converged: Bool[np.ndarray, " plants"]) -> BatchState:
         q = np.array(self._reached.q)
         history = tuple(memory[:, None] for memory in self._reached.history)
-        seen = observe(self._stacked, jnp.asarray(q[:, None]), history)
+        seen = jax.device_get(observe(self._observed, q[:, None], history))
         self._state = BatchState(
             self.schema,
             self._commands.copy(),
-            np.asarray(seen.readings[:, 0], dtype=float),
+            seen.readings[:, 0],
             q,
             converged,
-            {name: np.asarray(axis[:, 0]) for name, axis in seen.axes.items()},
+            {name: axis[:, 0] for name, axis in seen.axes.items()},
         )
         return self._state
 

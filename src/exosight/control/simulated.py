@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -40,7 +40,7 @@ class SimulatedPlant:
 
     def __post_init__(self) -> None:
         self.schema = self.system.schema
-        self._stacked = stack_systems([self.system])
+        self._stacked = jax.device_put(stack_systems([self.system]))  # once, and not with every look
         # A loop that swings between two commands walks the same two ways for ever: they are remembered.
         self._walk = lru_cache(maxsize=8)(partial(_walk, self.system, stack([self.system.robot])))
 
@@ -80,12 +80,13 @@ class SimulatedPlant:
         point = self._present()
         q = np.array(point.q)
         history = tuple(np.array(memory) for memory in point.history)
-        seen = observe(self._stacked, jnp.asarray(q[None, None]), tuple(m[None, None] for m in history))
+        of_one = tuple(memory[None, None] for memory in history)
+        seen = jax.device_get(observe(self._stacked, q[None, None], of_one))
         return Observation(
             schema=self.schema,
             commands=np.array(point.commands),
             image=picture(self.system, {name: axis[0] for name, axis in seen.axes.items()})[0],
-            readings=np.asarray(seen.readings[0, 0], dtype=float),
+            readings=seen.readings[0, 0],
             q=q,
             converged=self._converged,
             min_eigenvalue=point.min_eigenvalue,

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from exosight.cpu import cores
-from exosight.mechanics.continuation_state import SNAPS, ContinuationState, Records
+from exosight.mechanics.compiled_lanes import Common
+from exosight.mechanics.continuation_state import SNAPS, Records
 from exosight.mechanics.equilibrium import SolverOptions
-from exosight.mechanics.evaluator import program_of
-from exosight.mechanics.known_numbers import known_numbers
-from exosight.mechanics.lanes import Compiled, Lanes, Problems, Queue, compiled
+from exosight.mechanics.lanes import Lanes, Problems, Queue
+from exosight.mechanics.prepared import Settings, prepared
 
 ROOM = 1, 32
 """Loads that a lane takes at a time, for single loads and for paths; longer ones go on in the same lane.
@@ -75,6 +75,8 @@ class Kept(Protocol):
 
 
 def solve(
+    common: Common,
+    arrays: Float[np.ndarray, "robots numbers"],
     problems: Problems,
     options: SolverOptions,
     done: Callable[[int], None] = lambda robots: None,
@@ -82,23 +84,20 @@ def solve(
 ) -> Solutions:
     """Every robot brought to its loads, one after the other.
 
-    done   called with the number of robots finished, as they finish
-    kept   what an earlier solve of the same problems finished, and keeps what this one does
+    arrays   all arrays of each robot
+    done     called with the number of robots finished, as they finish
+    kept     what an earlier solve of the same problems finished, and keeps what this one does
     """
-    robots, channels = len(problems.loads), problems.loads.shape[2]
+    robots, loads = problems.loads.shape[:2]
     on_cpu = jax.default_backend() == "cpu"
     # As suits the device (eight share the cache of a core), but no more than the robots fill.
     lanes = min(options.lanes or (8 if on_cpu else 2048), 1 << max(0, robots - 1).bit_length())
-    kinds = tuple((leaf.shape[1:], leaf.dtype) for leaf in problems.leaves)
-    shapes = tuple(shape for shape, _ in kinds)
-    known = known_numbers(problems.structure, problems.leaves)
-    program = program_of(problems.structure, shapes, channels, known) if options.unrolled else None
-    code = compiled(problems.structure, kinds, program)
+    ready = prepared(common, Settings(lanes, ROOM[loads > ROOM[0]], options.unrolled), arrays)
     found = _nothing(problems)
     restored = kept.restore(found) if kept else []
-    queue = Queue(problems, sorted(set(range(robots)) - set(restored)), lanes, code)
     if restored:
         done(len(restored))
+    queue = Queue(ready, _in_order(problems, set(range(robots)) - set(restored)))
 
     def finished(number: int) -> None:
         if kept:
@@ -106,7 +105,7 @@ def solve(
         done(1)
 
     def work() -> None:
-        _fill_lanes(problems, lanes, code, options, queue, found, finished)
+        _fill_lanes(problems, options, queue, found, finished)
 
     # Compiled calls release Python's lock, so one thread a core keeps every core busy.
     workers = min(cores(), -(-robots // lanes)) if on_cpu else 1
@@ -123,10 +122,19 @@ def solve(
     return found
 
 
+def _in_order(problems: Problems, numbers: set[int]) -> list[int]:
+    """Robots on the way to single loads in the order of how far that is: a long one taken last would be
+    waited for with all other lanes idle.
+    """
+    order = sorted(numbers)
+    if problems.loads.shape[1] > 1:
+        return order
+    far = np.linalg.norm(problems.loads[:, 0] - problems.origin, axis=1)
+    return sorted(order, key=lambda number: -far[number])
+
+
 def _fill_lanes(
     problems: Problems,
-    lanes: int,
-    code: Compiled,
     options: SolverOptions,
     queue: Queue,
     found: Solutions,
@@ -136,37 +144,40 @@ def _fill_lanes(
 
     finished   called with the number of every robot that is
     """
-    taken = queue.take(lanes)
-    if not taken:
+    lanes, room, _ = queue.robots.settings
+    code, loads = queue.robots.code, problems.loads.shape[1]
+    taken, rows = queue.take(lanes)
+    if not len(taken):
         return
-    loads = problems.loads.shape[1]
-    room = ROOM[0] if loads <= ROOM[0] else ROOM[1]
-    lane = Lanes(problems, lanes, room, taken)
-    state = lane.blank
+    lane = Lanes(problems, lanes, code, rows)
+    lane.put(np.arange(len(taken)), taken, rows)
+    progress = lane.progress
     while np.any(lane.number >= 0) and not queue.stopped:
         # While robots or further loads wait, come back as soon as some lanes are free for them: for single
         # loads, which take a few evaluations, half of the lanes, else a quarter.
         free = int(np.count_nonzero(lane.number < 0))
         waiting = queue.waiting() or loads > room
         enough = min(lanes, free + max(1, lanes // (2 if room == ROOM[0] else 4))) if waiting else lanes
-        state = code.advance(lane.given, state, options.tolerance, options.max_iterations, enough)
-        arrived = (np.asarray(state.load) == lane.given.total) & (lane.number >= 0)
-        told = (arrived | (np.asarray(state.snaps) >= SNAPS)) & (lane.number >= 0)
-        lane.given.fresh[:], lane.given.told[:] = False, told
-        _keep_snaps(found, state, lane, np.flatnonzero(told))
+        progress = code.advance(lane.rows, progress, options.tolerance, options.max_iterations, enough)
+        arrived = (np.asarray(progress.load) == lane.total) & (lane.number >= 0)
+        snaps = np.minimum(np.asarray(progress.snaps), SNAPS)
+        told = (arrived | (snaps >= SNAPS)) & (lane.number >= 0)
+        lane.given.fresh[:], lane.given.told[:] = 0, told
+        records: Records = code.layout.records.unpack(np.asarray(progress.records))
+        _keep_snaps(found, records, lane, np.flatnonzero(told & (snaps > 0)), snaps)
         at = np.flatnonzero(arrived)
         if not len(at):
             continue
-        _keep(found, state.records, lane, at)
-        over = lane.first[at] + lane.given.total[at] == loads
+        _keep(found, records, lane, at, options.eigenvalues)
+        over = lane.first[at] + lane.total[at] == loads
         for number in lane.number[at[over]].tolist():
             finished(number)
         if not over.all():
             lane.go_on(at[~over], found.q, found.load, found.history)
         if over.any():
-            taken = queue.take(int(np.count_nonzero(over)))
-            if taken:
-                lane.put(at[over][: len(taken)], taken)
+            taken, rows = queue.take(int(np.count_nonzero(over)))
+            if len(taken):
+                lane.put(at[over][: len(taken)], taken, rows)
             lane.stand(at[over][len(taken) :])
 
 
@@ -196,38 +207,55 @@ def _nothing(problems: Problems) -> Solutions:
     )
 
 
-def _keep(found: Solutions, records: Records, lane: Lanes, at: Int[np.ndarray, " some"]) -> None:
+def _keep(
+    found: Solutions, records: Records, lane: Lanes, at: Int[np.ndarray, " some"], eigenvalues: bool
+) -> None:
     """What some lanes found at their loads; λ of ∇²Π v = λ M v from the whitened Hessian."""
-    first, count = lane.first[at], lane.given.total[at]
+    first, count = lane.first[at], lane.total[at]
     which = np.repeat(np.arange(len(at)), count)
     along = np.concatenate([np.arange(n) for n in count])
     source, into = (at[which], along), (lane.number[at][which], first[which] + along)
     for name in ("q", "load", "residual", "snapped", "tied", "energy", "iterations"):
-        getattr(found, name)[into] = np.asarray(getattr(records, name))[source]
+        getattr(found, name)[into] = getattr(records, name)[source]
     for name in ("supplied", "dissipated"):
         rows = getattr(found, name)
         before = np.where(first > 0, rows[lane.number[at], first - 1], 0.0)
-        so_far = before[:, None] + np.cumsum(np.asarray(getattr(records, name))[at], axis=1)
+        so_far = before[:, None] + np.cumsum(getattr(records, name)[at], axis=1)
         rows[into] = so_far[which, along]
     for rows, remembered in zip(found.history, records.memories, strict=True):
-        rows[into] = np.asarray(remembered)[source]
-    whitener = np.linalg.inv(lane.given.robots.factor[at])[which]
-    whitened = whitener @ np.asarray(records.hessian)[source] @ np.swapaxes(whitener, 1, 2)
-    skew = np.abs(whitened - np.swapaxes(whitened, 1, 2)).max(axis=(1, 2))
-    symmetric = skew <= 1e-9 * np.abs(whitened).max(axis=(1, 2))
-    eigenvalue = np.empty(len(which))
-    eigenvalue[symmetric] = np.linalg.eigvalsh(whitened[symmetric])[:, 0]
-    eigenvalue[~symmetric] = np.linalg.eigvals(whitened[~symmetric]).real.min(axis=-1)
+        rows[into] = remembered[source]
+    found.converged[into] = records.converged[source]
+    if not eigenvalues:
+        found.min_eigenvalue[into] = np.nan
+        return
+    whitener = lane.given.robots.whitener[at[which]]
+    whitened = whitener @ records.hessian[source] @ np.swapaxes(whitener, 1, 2)
+    eigenvalue = _smallest_eigenvalues(whitened)
     found.min_eigenvalue[into] = eigenvalue
-    found.converged[into] = np.asarray(records.converged)[source] & (eigenvalue > 0)
+    found.converged[into] &= eigenvalue > 0
+
+
+def _smallest_eigenvalues(matrices: Float[np.ndarray, "some dofs dofs"]) -> Float[np.ndarray, " some"]:
+    """The smallest real part of the eigenvalues of each matrix, symmetric up to round-off or not."""
+    skew = np.abs(matrices - np.swapaxes(matrices, 1, 2)).max(axis=(1, 2))
+    symmetric = skew <= 1e-9 * np.abs(matrices).max(axis=(1, 2))
+    if symmetric.all():
+        return np.linalg.eigvalsh(matrices)[:, 0]
+    found = np.empty(len(matrices))
+    found[symmetric] = np.linalg.eigvalsh(matrices[symmetric])[:, 0]
+    found[~symmetric] = np.linalg.eigvals(matrices[~symmetric]).real.min(axis=-1)
+    return found
 
 
 def _keep_snaps(
-    found: Solutions, state: ContinuationState, lane: Lanes, at: Int[np.ndarray, " some"]
+    found: Solutions,
+    records: Records,
+    lane: Lanes,
+    at: Int[np.ndarray, " some"],
+    count: Int[np.ndarray, " lanes"],
 ) -> None:
-    count = np.minimum(np.asarray(state.snaps), SNAPS)
-    for lane_at in at[count[at] > 0].tolist():
-        own = [np.array(np.asarray(getattr(state.records, name))[lane_at]) for name in _OF_SNAPS]
+    for lane_at in at.tolist():
+        own = [np.array(getattr(records, name)[lane_at]) for name in _OF_SNAPS]
         for step, load, before, after, energy, taken in list(zip(*own, strict=True))[: count[lane_at]]:
             found.snaps[lane.number[lane_at]].append(
                 Snap(int(lane.first[lane_at] + step), load, before, after, float(energy), float(taken))

@@ -24,12 +24,15 @@ class SolverOptions:
                     the cache of a core, and 2048 on a GPU
     unrolled        evaluate by scalar programs where that can be done (on CPUs), else by XLA: several times
                     as fast, and the same up to round-off
+    eigenvalues     find `min_eigenvalue`; otherwise it is NaN for robots whose forces all have an energy, of
+                    which a Cholesky factor tells that a pose is stable
     """
 
     tolerance: float = 1e-10
     max_iterations: int = 5000
     lanes: int | None = None
     unrolled: bool = True
+    eigenvalues: bool = True
 
     def __post_init__(self) -> None:
         if not (self.tolerance > 0 and self.max_iterations > 0 and (self.lanes is None or self.lanes > 0)):
@@ -44,7 +47,8 @@ class Equilibria(eqx.Module):
     residual        (loads,)        |∇Π| / (|q| + q₀): relative error in the elastic energy norm [-];
                                     |∇Π|² = ∇Πᵀ M⁻¹ ∇Π, |q|² = qᵀ M q, q₀ = |q| of a strain or angle of 0.01
     min_eigenvalue  (loads,)        smallest λ of ∇²Π v = λ M v [-]: 1 at rest, 0 where the pose snaps; with
-                                    forces that have no energy, the smallest real part
+                                    forces that have no energy, the smallest real part; NaN where it was not
+                                    asked for, see `SolverOptions`
     snapped         (loads,)        the pose jumped on the way from the load before
     tied            (loads,)        a descent on the way came to rest at a saddle: which side it left to is a
                                     matter of round-off

@@ -6,6 +6,9 @@ does not depend on which others were asked for, but on where the loads turned ba
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -15,7 +18,8 @@ from jaxtyping import Float
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.batched_continuation import Kept, Snap, Solutions, solve
-from exosight.mechanics.equilibrium import Equilibria, SolverOptions, stack
+from exosight.mechanics.compiled_lanes import Common, Kinds
+from exosight.mechanics.equilibrium import Equilibria, SolverOptions
 from exosight.mechanics.lanes import Problems
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.term import Memories
@@ -45,7 +49,8 @@ def initial_state(robots: Robots, channels: int | None = None, options: SolverOp
 
     channels   how many load channels there are; as many as the robots' terms need by default
     """
-    batch = _batched(robots)
+    leaves, structure = _flat(robots)
+    batch: Robot = jax.tree.unflatten(structure, leaves)
     start = unstrained(batch, batch.loads if channels is None else channels)
     return advance(batch, start, np.asarray(start.loads), options)[0]
 
@@ -64,13 +69,12 @@ def advance(
     A robot that finds no stable equilibrium on its way stays in the last one, and says so in `converged`;
     its `State.loads` are the loads there. Raises InputError for what does not fit.
     """
-    batch = _batched(robots)
     loads = np.asarray(loads, dtype=float)
     if loads.ndim != 2:
         raise InputError(f"loads: expected shape (robots, channels), got {loads.shape}")
-    found = _solve(batch, loads[:, None], state, options)
+    found = _solve(robots, loads[:, None], state, options)
     reached = State(found.q[:, 0], found.load[:, 0], tuple(rows[:, 0] for rows in found.history))
-    return reached, jax.tree.map(lambda leaf: leaf[:, 0], _equilibria(found))
+    return reached, _equilibria(found, 0)
 
 
 def drive(
@@ -95,7 +99,7 @@ def drive(
     one, and goes on from there to the next load. Compiled once a structure and number of lanes. Raises
     InputError for what does not fit.
     """
-    return _equilibria(_solve(_batched(robots), loads, state, options, done, kept))
+    return _equilibria(_solve(robots, loads, state, options, done, kept))
 
 
 def locate_snaps(
@@ -106,18 +110,8 @@ def locate_snaps(
     options: SolverOptions = _DEFAULT,
 ) -> tuple[Equilibria, list[list[Snap]]]:
     """What `drive` returns, and each robot's snaps in the order of its path."""
-    found = _solve(_batched(robots), loads, state, options)
+    found = _solve(robots, loads, state, options)
     return _equilibria(found), found.snaps
-
-
-def _batched(robots: Robots) -> Robot:
-    if isinstance(robots, Robot):
-        return robots
-    if not robots:
-        raise InputError("robots: expected at least one, got none")
-    if len({jax.tree.structure(robot) for robot in robots}) > 1:
-        raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
-    return stack(robots)
 
 
 def unstrained(robots: Robot, channels: int) -> State:
@@ -128,16 +122,17 @@ def unstrained(robots: Robot, channels: int) -> State:
 
 
 def _solve(
-    robots: Robot,
+    robots: Robots,
     loads: Float[np.ndarray, "*robots loads channels"],
     state: State | None,
     options: SolverOptions,
     done: Callable[[int], None] = lambda robots: None,
     kept: Kept | None = None,
 ) -> Solutions:
-    leaves, structure = jax.tree.flatten(robots)
-    leaves = [np.asarray(leaf) for leaf in leaves]
+    leaves, structure = _flat(robots)
     count = len(leaves[0])
+    kinds = tuple((leaf.shape[1:], leaf.dtype) for leaf in leaves)
+    needed = _needed(structure, kinds)
     loads = np.asarray(loads, dtype=float)
     if loads.ndim == 2:
         loads = np.broadcast_to(loads, (count, *loads.shape))
@@ -149,18 +144,19 @@ def _solve(
     if not np.all(np.isfinite(loads)):
         raise InputError("loads: expected finite numbers, got NaN or infinity among them")
     channels = loads.shape[2]
-    if channels < robots.loads:
-        raise InputError(f"loads: the robot's terms need {robots.loads} channels, got {channels}")
-    state = unstrained(robots, channels) if state is None else state
+    if channels < needed.loads:
+        raise InputError(f"loads: the robot's terms need {needed.loads} channels, got {channels}")
+    if state is None:
+        state = unstrained(jax.tree.unflatten(structure, leaves), channels)
     q, origin = np.asarray(state.q, dtype=float), np.asarray(state.loads, dtype=float)
-    for name, value, shape in (("q", q, (count, robots.dofs)), ("loads", origin, (count, channels))):
+    for name, value, shape in (("q", q, (count, needed.dofs)), ("loads", origin, (count, channels))):
         if value.shape != shape or not np.all(np.isfinite(value)):
             raise InputError(f"state.{name}: expected finite numbers of shape {shape}, got {value.shape}")
-    for clock in robots.clocks:
+    for clock in needed.clocks:
         way = np.concatenate([origin[:, None, clock], loads[:, :, clock]], axis=1)
         if np.any(np.diff(way) < 0):
             raise InputError(f"loads: channel {clock} holds the time [s]; expected it never to fall")
-    expected = [np.shape(memory) for memory in robots.memories]
+    expected = [(count, *shape) for shape in needed.memories]
     history = tuple(np.asarray(memory, dtype=float) for memory in state.history)
     if [memory.shape for memory in history] != expected:
         raise InputError(
@@ -168,9 +164,48 @@ def _solve(
             f"{expected}, got {[memory.shape for memory in history]}; "
             "give the history of the `State` or `Equilibria` that q comes from"
         )
-    problems = Problems(structure, leaves, q, origin, loads, history)
-    return solve(problems, options, done, kept)
+    options = replace(options, eigenvalues=options.eigenvalues or not needed.energy)
+    common = Common(structure, kinds, needed.dofs, channels, needed.memories)
+    arrays = np.concatenate([leaf.reshape(count, -1) for leaf in leaves], axis=1, dtype=float)
+    return solve(common, arrays, Problems(q, origin, loads, history), options, done, kept)
 
 
-def _equilibria(found: Solutions) -> Equilibria:
-    return Equilibria(**{name: getattr(found, name) for name in Equilibria.__dataclass_fields__})
+def _flat(robots: Robots) -> tuple[list[np.ndarray], Any]:
+    """The arrays of all robots with a leading axis of robots, and their structure; InputError for several."""
+    if isinstance(robots, Robot):
+        leaves, structure = jax.tree.flatten(robots)
+        return [np.asarray(leaf) for leaf in leaves], structure
+    if not robots:
+        raise InputError("robots: expected at least one, got none")
+    (first, structure), *others = (jax.tree.flatten(robot) for robot in robots)
+    if any(other != structure for _, other in others):
+        raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
+    if not others:  # stacking takes ten times as long as looking at them otherwise
+        return [np.asarray(leaf)[None] for leaf in first], structure
+    return [np.stack(each) for each in zip(first, *(leaves for leaves, _ in others), strict=True)], structure
+
+
+class _Needed(NamedTuple):
+    """What robots of one structure need: coordinates, loads, of these the clocks, shapes of the memories; and
+    whether all forces have an energy.
+    """
+
+    dofs: int
+    loads: int
+    clocks: set[int]
+    memories: tuple[tuple[int, ...], ...]
+    energy: bool
+
+
+@lru_cache(maxsize=64)
+def _needed(structure: Any, kinds: Kinds) -> _Needed:
+    robot: Robot = jax.tree.unflatten(structure, [np.zeros(shape, kind) for shape, kind in kinds])
+    memories = tuple(map(np.shape, robot.memories))
+    return _Needed(robot.dofs, robot.loads, robot.clocks, memories, robot.conservative and not memories)
+
+
+def _equilibria(found: Solutions, at: int | slice = slice(None)) -> Equilibria:
+    """What was found at some of the loads."""
+    history = tuple(rows[:, at] for rows in found.history)
+    names = (name for name in Equilibria.__dataclass_fields__ if name != "history")
+    return Equilibria(**{name: getattr(found, name)[:, at] for name in names}, history=history)

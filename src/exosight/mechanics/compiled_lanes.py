@@ -1,0 +1,185 @@
+"""The step of `continuation`, compiled for robots side by side, and the numbers that go in and come out."""
+
+from collections.abc import Callable, Hashable
+from functools import lru_cache
+from itertools import pairwise
+from typing import Any, NamedTuple, TypeAlias
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Array, Float, Int
+
+from exosight.arrays import AnyArray
+from exosight.mechanics.continuation import stepper
+from exosight.mechanics.continuation_state import SNAPS, ContinuationState, begin
+from exosight.mechanics.evaluator import by_program, by_xla, prepare
+from exosight.mechanics.metric import Metric
+from exosight.mechanics.packing import Packing
+from exosight.scalar_program import Unrolled
+
+Kinds = tuple[tuple[tuple[int, ...], np.dtype], ...]
+"""Shape and type of each of a robot's arrays."""
+
+Rows: TypeAlias = Float[np.ndarray, "robots row"]
+"""Some `Robots`, each as a row."""
+
+
+class Common(NamedTuple):
+    """What robots have in common that are compiled for together.
+
+    structure   of a robot, as JAX has it
+    memories    shape of what each term with a memory remembers
+    """
+
+    structure: Hashable
+    kinds: Kinds
+    dofs: int
+    channels: int
+    memories: tuple[tuple[int, ...], ...]
+
+    def leaves(self, arrays: Float[AnyArray, "*robots numbers"]) -> list[AnyArray]:
+        """The arrays of robots, from all numbers of each one after the other."""
+        ends = np.cumsum([0, *(int(np.prod(shape)) for shape, _ in self.kinds)]).tolist()
+        parts = [arrays[..., start:end] for start, end in pairwise(ends)]
+        return [
+            part.reshape(*arrays.shape[:-1], *shape).astype(kind)
+            for part, (shape, kind) in zip(parts, self.kinds, strict=True)
+        ]
+
+
+class Robots(NamedTuple):
+    """Some robots, and what all evaluations of each have in common.
+
+    arrays         (robots, numbers)     all arrays of a robot, one after the other
+    factor, unit                         those of its `Metric`
+    whitener       (robots, dofs, dofs)  inverse of `factor`
+    design         (robots, handed)      what its program computes of the robot alone; empty without a program
+    """
+
+    arrays: Float[AnyArray, "robots numbers"]
+    factor: Float[AnyArray, "robots dofs dofs"]
+    unit: Float[AnyArray, " robots"]
+    whitener: Float[AnyArray, "robots dofs dofs"]
+    design: Float[AnyArray, "robots handed"]
+
+
+class Given(NamedTuple):
+    """What compiled code is told of the robot in each lane; truth values are 0 or 1.
+
+    loads        its next loads, of which `total` are meant; none in a lane that stands still
+    told         its snaps have been read
+    fresh        it starts anew, from pose `q` and loads `origin` with this history
+    """
+
+    robots: Robots
+    loads: Float[AnyArray, "lanes room channels"]
+    total: Float[AnyArray, " lanes"]
+    told: Float[AnyArray, " lanes"]
+    fresh: Float[AnyArray, " lanes"]
+    q: Float[AnyArray, "lanes dofs"]
+    origin: Float[AnyArray, "lanes channels"]
+    history: tuple[Float[AnyArray, "lanes ..."], ...]
+
+
+class Progress(NamedTuple):
+    """Where the robots in the lanes are: what compiled code gives back, and goes on from.
+
+    state     (lanes, numbers)  a `ContinuationState` without its records
+    records   (lanes, numbers)  `Records`
+    load      (lanes,)          index of the load that each is on the way to
+    snaps     (lanes,)          how many are in the records
+    """
+
+    state: Float[AnyArray, "lanes numbers"]
+    records: Float[AnyArray, "lanes numbers"]
+    load: Int[AnyArray, " lanes"]
+    snaps: Int[AnyArray, " lanes"]
+
+
+class Layout(NamedTuple):
+    """How each of these lies in rows."""
+
+    robots: Packing
+    given: Packing
+    state: Packing
+    records: Packing
+
+
+class Compiled(NamedTuple):
+    """Compiled for robots of one structure.
+
+    layout    of rows
+    prepare   arrays of some robots -> a row of numbers each, `Robots`
+    advance   (`Given` in rows, `Progress`, tolerance, max_iterations, enough) -> `Progress`, once `enough`
+              lanes have their loads behind them or one has no room for snaps; nothing of the states of fresh
+              lanes is used
+    """
+
+    layout: Layout
+    prepare: Callable[[Float[np.ndarray, "robots numbers"]], Float[Array, "robots row"]]
+    advance: Callable[..., Progress]
+
+
+@lru_cache(maxsize=64)
+def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
+    """For robots that have this in common, by their program or by XLA, and so many loads at a time."""
+
+    def robot_of(arrays: AnyArray) -> Any:
+        return jax.tree.unflatten(common.structure, common.leaves(arrays))
+
+    def of_robot(arrays: AnyArray) -> Robots:
+        robot = robot_of(arrays)
+        metric = Metric.of(robot)
+        whitener = solve_triangular(metric.factor, jnp.eye(robot.dofs), lower=True)
+        return Robots(arrays, metric.factor, metric.unit, whitener, prepare(program, robot))
+
+    numbers = sum(int(np.prod(shape)) for shape, _ in common.kinds)
+    layout = _layout(common, jax.eval_shape(of_robot, np.zeros(numbers)), room)
+
+    def advance(
+        rows: Array, progress: Progress, tolerance: Array, max_iterations: Array, enough: Array
+    ) -> Progress:
+        def one(row: Array, before: Progress) -> Progress:
+            given: Given = layout.given.unpack(row)
+            arrays, factor, unit, _, design = given.robots
+            robot, metric, total = (
+                robot_of(arrays),
+                Metric(jnp.asarray(factor), jnp.asarray(unit)),
+                given.total.astype(int),
+            )
+            evaluator = by_xla(robot, metric) if program is None else by_program(program, metric, design)
+            step = stepper(robot, evaluator, given.loads, total, tolerance, max_iterations)
+            anew = begin(given.q, given.origin, given.history, 0)._replace(records=None)
+            state = layout.state.unpack(before.state)
+            state = state._replace(snaps=jnp.where(given.told > 0, 0, state.snaps))
+            now = jax.tree.map(lambda a, b: jnp.where(given.fresh > 0, a, b), anew, state)
+
+            def going(state: ContinuationState) -> Array:
+                arrived = jax.lax.psum((state.load == total).astype(int), "lanes")
+                full = jax.lax.psum((state.snaps >= SNAPS).astype(int), "lanes")
+                return (arrived < enough) & (full == 0)
+
+            now = now._replace(records=layout.records.unpack(before.records))
+            now = jax.lax.while_loop(going, step, now)
+            records = layout.records.pack(now.records)
+            return Progress(layout.state.pack(now._replace(records=None)), records, now.load, now.snaps)
+
+        return jax.vmap(one, axis_name="lanes")(rows, progress)
+
+    # The lanes of a thread are its work; a second thread inside an operation would take it from the others.
+    options = {"xla_cpu_multi_thread_eigen": False}
+    return Compiled(
+        layout,
+        jax.jit(jax.vmap(lambda arrays: layout.robots.pack(of_robot(arrays))), compiler_options=options),
+        jax.jit(advance, compiler_options=options),
+    )
+
+
+def _layout(common: Common, robot: Robots, room: int) -> Layout:
+    number, loads = np.zeros(()), np.zeros(common.channels)
+    q, history = np.zeros(common.dofs), tuple(map(np.zeros, common.memories))
+    given = Given(robot, np.zeros((room, *loads.shape)), number, number, number, q, loads, history)
+    state = jax.tree.map(np.asarray, begin(q, loads, history, room))
+    return Layout(*map(Packing, (robot, given, state._replace(records=None), state.records)))

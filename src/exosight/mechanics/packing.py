@@ -1,0 +1,42 @@
+"""Trees of arrays as rows of numbers.
+
+Every array that goes into compiled code or comes out of it costs a microsecond or two, whatever its size; the
+state of a robot on its way is sixty arrays.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from exosight.arrays import AnyArray
+
+
+class Packing:
+    """Where the arrays of a tree, whose values are floats, small whole numbers or truth values, are in a row.
+
+    example   a tree of such arrays (or of their shapes and types)
+    numbers   length of a row
+    """
+
+    def __init__(self, example: Any) -> None:
+        leaves, self._structure = jax.tree.flatten(example)
+        ends = np.cumsum([0, *(int(np.prod(np.shape(leaf))) for leaf in leaves)]).tolist()
+        self.numbers = ends[-1]
+        self._places = [
+            (slice(start, end), np.shape(leaf), None if leaf.dtype == float else leaf.dtype)
+            for start, end, leaf in zip(ends[:-1], ends[1:], leaves, strict=True)
+        ]
+
+    def pack(self, tree: Any) -> Float[Array, " numbers"]:
+        """A tree as a row."""
+        return jnp.concatenate([jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(tree)])
+
+    def unpack(self, rows: Float[AnyArray, "*batch numbers"]) -> Any:
+        """The trees of some rows, of arrays with leading axes; floats of NumPy are views of the rows."""
+        batch = rows.shape[:-1]
+        parts = ((rows[..., where].reshape(*batch, *shape), kind) for where, shape, kind in self._places)
+        leaves = [part if kind is None else part.astype(kind) for part, kind in parts]
+        return jax.tree.unflatten(self._structure, leaves)
