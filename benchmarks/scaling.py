@@ -1,8 +1,8 @@
-"""How cost grows with coordinates, contacts, robots and threads: `python -m benchmarks.scaling`, four minutes.
+"""How cost grows with coordinates, contacts, robots and threads: `python -m benchmarks.scaling`.
 
-Each size of a chain and of a contact is measured in a process of its own, which compiles everything anew, so
-that time and memory of the first call are those of that size. Writes docs/results/scaling.json, from which
-docs/tables.py and docs/figures_scaling.py make the table and the figure of docs/benchmarks.md.
+Takes four minutes. Each size of a chain and of a contact is measured in a process of its own, which compiles
+everything anew, so that time and memory of the first call are those of that size. Writes
+docs/results/scaling.json, from which docs/figures_speed.py makes tables and a figure of docs/benchmarks.md.
 """
 
 import argparse
@@ -46,7 +46,7 @@ ROBOTS = (1, 10, 100, 1_000, 10_000)
 OF_SEGMENT = 5
 """Coordinates of a segment of the chain: bending about two axes, linear along it, and constant torsion."""
 BY_XLA = 100
-"""Coordinates up to which XLA evaluates the chain too: beyond, it compiles for minutes."""
+"""Coordinates up to which XLA evaluates the chain too: compiling for more takes minutes in all."""
 
 
 def chain(dofs: int) -> Robot:
@@ -79,13 +79,16 @@ def exosuit(contacts: int) -> Robot:
     return assemble_surface(radius(surface, x), radius_slope(surface, x), TABLE_I.length, worn, points)
 
 
+OF_BATCH = np.array([[0.1], [0.2]])
+"""Loads of each robot of a batch [N]."""
+
 AXES = {"dofs": (DOFS, chain), "contacts": (CONTACTS, exosuit)}
 LOADS = {"dofs": np.linspace(0, 0.6, 9)[1:, None], "contacts": np.linspace(0, 2, 9)[1:, None]}
 """Of the paths whose equilibria are timed [N]."""
 
 
 def of_size(axis: str, size: int) -> dict[str, Any]:
-    """First call, evaluation and equilibrium of one robot of this size, in a process that has done nothing."""
+    """First call, evaluation and equilibrium of a robot of this size, in a process that has done nothing."""
     robot, loads = AXES[axis][1](size), LOADS[axis]
     started = time.process_time()
     made = program(robot)
@@ -124,7 +127,6 @@ def of_robots() -> list[dict[str, Any]]:
     """Time of an equilibrium in batches of exosuits of all scenarios, and by threads."""
     shapes = [sampled.shape for sampled in sample_shapes(10, seed=0)]
     all_shapes = stack([assemble(Exosuit(shape)) for shape in shapes])
-    loads = np.array([[0.5], [1.0]])
 
     def batch(count: int) -> Robot:
         which = np.arange(count) % len(shapes)
@@ -135,17 +137,17 @@ def of_robots() -> list[dict[str, Any]]:
         os.sched_setaffinity(0, sorted(whole)[:threads])
         wall, cpu = [], []
         try:
-            drive(robots, loads)
+            drive(batch(min(count, 16)), OF_BATCH)  # compiles for as many lanes
             for _ in range(7 if count < 1000 else 3 if count < 10_000 else 1):
                 before = time.perf_counter(), time.process_time()
-                found = drive(robots, loads)
+                found = drive(robots, OF_BATCH)
                 wall.append(time.perf_counter() - before[0])
                 cpu.append(time.process_time() - before[1])
         finally:
             os.sched_setaffinity(0, whole)
         if not found.converged.all():
             raise RuntimeError("not all robots converged")
-        each = 1e6 / (count * len(loads))
+        each = 1e6 / (count * len(OF_BATCH))
         return {
             "robots": count,
             "threads": threads,
@@ -184,13 +186,15 @@ def main() -> None:
                 result[axis].append(_in_new_process(axis, size))
                 print(json.dumps(result[axis][-1]), flush=True)
     if given.axis in (None, "robots"):
-        result["robots"] = of_robots()
+        result |= {"robots": of_robots(), "loads": len(OF_BATCH)}
         print(json.dumps(result["robots"], indent=1))
     RESULT.write_text(json.dumps(result, indent=1) + "\n")
 
 
 def _in_new_process(axis: str, size: int) -> dict[str, Any]:
     environment = {name: value for name, value in os.environ.items() if name != "JAX_COMPILATION_CACHE_DIR"}
+    # NumPy's eigenvalues at each load: threads that wait for one another are counted as CPU time too.
+    environment["OPENBLAS_NUM_THREADS"] = "1"
     command = [sys.executable, "-m", "benchmarks.scaling", "--axis", axis, "--size", str(size)]
     run = subprocess.run(command, env=environment, check=True, stdout=subprocess.PIPE, text=True)
     return json.loads(run.stdout.splitlines()[-1])

@@ -25,7 +25,9 @@ NEVER = np.inf
 """No step ends at a pose that is evaluated."""
 
 
-def in_turns(runs: Mapping[str, Callable[[], Any]], seconds: float = 0.02, repeats: int = 15) -> dict[str, float]:
+def in_turns(
+    runs: Mapping[str, Callable[[], Any]], seconds: float = 0.02, repeats: int = 15
+) -> dict[str, float]:
     """CPU time of one call of each [s]: the median over turns in which each runs for so many seconds."""
     counts, spent = {}, {name: [] for name in runs}
     for name, run in runs.items():
@@ -49,7 +51,10 @@ def program(robot: Robot, channels: int = 1) -> Unrolled | None:
 
 
 def evaluation(
-    robot: Robot, unrolled: bool, q: Float[np.ndarray, "lanes dofs"], loads: Float[np.ndarray, "lanes channels"]
+    robot: Robot,
+    unrolled: bool,
+    q: Float[np.ndarray, "lanes dofs"],
+    loads: Float[np.ndarray, "lanes channels"],
 ) -> Callable[[], list[np.ndarray]]:
     """What finds energy, gradient and Hessian at several poses, by the robot's scalar program or by XLA."""
     made = program(robot, loads.shape[1]) if unrolled else None
