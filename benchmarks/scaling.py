@@ -12,7 +12,6 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -159,13 +158,6 @@ def of_robots() -> list[dict[str, Any]]:
     several = [count for count in ROBOTS if count >= 1000]
     rows = [row(count, 1) for count in ROBOTS]
     return rows + [row(count, threads) for threads in range(2, len(whole) + 1) for count in several]
-
-
-def exponent(sizes: Sequence[float], costs: Sequence[float]) -> tuple[float, float, float]:
-    """p of cost ∝ sizeᵖ, by least squares in logarithms, and the least and largest between neighbours."""
-    x, y = np.log(sizes), np.log(costs)
-    between = np.diff(y) / np.diff(x)
-    return float(np.polyfit(x, y, 1)[0]), float(between.min()), float(between.max())
 
 
 def main() -> None:

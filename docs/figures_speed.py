@@ -1,7 +1,7 @@
 """How cost grows, and what evaluations cost in other ways: a figure and tables of docs/benchmarks.md.
 
-`python docs/figures_speed.py` shows what docs/results holds of `benchmarks.scaling`, `benchmarks.interpreters`
-and `benchmarks.own_terms`, which `make bench` measures anew.
+`python docs/figures_speed.py` shows what docs/results holds of `benchmarks.scaling`, `.interpreters` and
+`.own_terms`, which `make bench` measures anew.
 """
 
 import json
@@ -15,7 +15,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 
-from benchmarks.scaling import exponent
 from exosight.evaluation.figures.style import BLACK, BLUE, GREEN, PURPLE, VERMILION, new_figure, styled
 
 HERE = Path(__file__).parent
@@ -60,6 +59,13 @@ def lines(scaling: dict[str, Any]) -> dict[str, Lines]:
     return found
 
 
+def exponent(sizes: Sequence[float], costs: Sequence[float]) -> tuple[float, float, float]:
+    """p of cost ∝ sizeᵖ, by least squares in logarithms, and the least and largest between neighbours."""
+    x, y = np.log(sizes), np.log(costs)
+    between = np.diff(y) / np.diff(x)
+    return float(np.polyfit(x, y, 1)[0]), float(between.min()), float(between.max())
+
+
 def grown(sizes: Sequence[float], costs: Sequence[float]) -> str:
     """The exponent, with the least and the largest between neighbours."""
     whole, least, most = exponent(sizes, costs)
@@ -76,7 +82,7 @@ def figure(scaling: dict[str, Any]) -> Figure:
             power = exponent(x, y)[0]
             text = f"{label}: {power:.1f}"
             ax.loglog(x, y, color=colour, marker=marker, markersize=4, label=text)
-        _finish(ax, axis, [x for x, _ in own.values()][0])
+        _finish(ax, axis, next(x for x, _ in own.values()))
     panels[0].set_ylabel("CPU time [s]")
     panels[2].set_ylabel("time [s]")
     return drawn
