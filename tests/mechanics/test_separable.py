@@ -66,6 +66,8 @@ def test_derivatives_match_differences(
     direction = np.random.default_rng(5).normal(size=robot.dofs)
     here, ahead, behind = (evaluate(robot, q + step * direction, loads)[0] for step in (0, h, -h))
     # Central differences: h² of a third derivative, relative, and round-off / h.
-    assert (ahead.energy - behind.energy) / (2 * h) == pytest.approx(float(here.gradient @ direction), rel=1e-7)
+    assert (ahead.energy - behind.energy) / (2 * h) == pytest.approx(
+        float(here.gradient @ direction), rel=1e-7
+    )
     change = (ahead.gradient - behind.gradient) / (2 * h)
     np.testing.assert_allclose(here.hessian @ direction, change, rtol=0, atol=1e-6 * np.abs(change).max())
