@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from exosight.mechanics import Robot
 from exosight.mechanics.evaluator import by_program, by_xla, prepare, program_of
+from exosight.mechanics.known_numbers import known_numbers
 from exosight.mechanics.metric import Metric
 from exosight.scalar_program import Unrolled
 
@@ -45,9 +46,10 @@ def in_turns(
 
 
 def program(robot: Robot, channels: int = 1) -> Unrolled | None:
-    """The scalar program of a robot."""
+    """The scalar program of a robot, as the solver makes it."""
     leaves, structure = jax.tree.flatten(robot)
-    return program_of(structure, tuple(np.shape(leaf) for leaf in leaves), channels)
+    known = known_numbers(structure, [np.asarray(leaf)[None] for leaf in leaves])
+    return program_of(structure, tuple(np.shape(leaf) for leaf in leaves), channels, known)
 
 
 def evaluation(
