@@ -24,7 +24,14 @@ NAMES = ("scaling", "interpreters", "own_terms")
 Lines = dict[str, tuple[Sequence[float], Sequence[float]]]
 """Sizes and costs by what costs."""
 
-LOOKS = ((BLUE, "o"), (VERMILION, "s"), (GREEN, "^"), (PURPLE, "D"), (BLACK, "v"))
+LOOKS = {
+    "evaluation": (BLUE, "o"),
+    "evaluation by XLA": (VERMILION, "s"),
+    "equilibrium": (GREEN, "^"),
+    "making the program": (PURPLE, "D"),
+    "first call": (BLACK, "v"),
+    "all equilibria, 1 thread": (BLUE, "o"),
+}
 AXES = {"dofs": "coordinates of a chain [-]", "contacts": "contact spheres [-]", "robots": "robots [-]"}
 
 
@@ -78,7 +85,8 @@ def figure(scaling: dict[str, Any]) -> Figure:
     drawn = new_figure(height=3.6)
     panels = drawn.subplots(1, 3)
     for ax, (axis, own) in zip(panels, lines(scaling).items(), strict=True):
-        for (label, (x, y)), (colour, marker) in zip(own.items(), LOOKS, strict=False):
+        for label, (x, y) in own.items():
+            colour, marker = LOOKS.get(label, (VERMILION, "s"))
             power = exponent(x, y)[0]
             text = f"{label}: {power:.1f}"
             ax.loglog(x, y, color=colour, marker=marker, markersize=4, label=text)
@@ -95,7 +103,7 @@ def _finish(ax: Axes, axis: str, sizes: Sequence[float]) -> None:
         ax.set_xticks(list(sizes), [f"{size:g}" for size in sizes])
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.grid(axis="y")
-    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), title="exponent", title_fontsize=7.5)
+    ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), title="time of: exponent", title_fontsize=7.5)
 
 
 def tables(found: dict[str, Any]) -> dict[str, str]:
