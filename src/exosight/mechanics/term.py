@@ -13,6 +13,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
 from exosight import lie
@@ -165,7 +166,7 @@ class Term(eqx.Module):
     def _separable(self, tree: Tree, frames: int, loads: int) -> bool:
         """Whether the energy is a sum of functions of one frame each and one of coordinates and strains."""
         leaves, structure = jax.tree.flatten((self, tree))
-        traced = [i for i, leaf in enumerate(leaves) if isinstance(leaf, jax.core.Tracer)]
+        traced = [i for i, leaf in enumerate(leaves) if isinstance(leaf, Tracer)]
         rods = [body for body in tree.bodies if isinstance(body, Rod)]
 
         def energy(q: Array, pose: Array, loads: Array, *rest: Array) -> Array:
