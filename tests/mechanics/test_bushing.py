@@ -5,7 +5,6 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from backends import check
 from scipy.integrate import solve_bvp
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -59,10 +58,6 @@ def test_energy_is_that_of_turn_and_shift_from_rest(
     gap = np.concatenate([turn, np.linalg.solve(v, moved[:3, 3])])
     assert np.linalg.norm(turn) > 0.3
     assert float(here.energy - free.energy) == pytest.approx(0.5 * STIFF @ gap**2, rel=1e-12)
-
-
-def test_programs_evaluate_bushings(joined: Robot) -> None:
-    check(joined)
 
 
 def test_derivatives_match_differences(joined: Robot, tree_pose: tuple, evaluate: Callable) -> None:
