@@ -27,7 +27,11 @@ lint: .venv/ready-test
 
 bench: .venv/ready-test
 	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks.scaling
+	$(BIN)/python -m benchmarks.interpreters
+	$(BIN)/python -m benchmarks.own_terms
 	$(BIN)/python docs/tables.py
+	$(BIN)/python docs/figures_speed.py
 
 compare: .venv/ready-test
 	$(BIN)/python -m benchmarks.neighbours
@@ -47,6 +51,7 @@ figures: .venv/ready-test
 	$(BIN)/python docs/figures_identification.py
 	$(BIN)/python docs/figures_animation.py
 	$(BIN)/python docs/tables.py
+	$(BIN)/python docs/figures_speed.py
 	$(BIN)/python tools/dependencies.py
 
 docs: .venv/ready-test

@@ -4,6 +4,7 @@ from types import ModuleType
 
 import figures_accuracy
 import figures_control
+import figures_speed
 import figures_stress
 import figures_surface_contact
 import figures_validation
@@ -14,7 +15,14 @@ from _parts.pages import filled
 
 @pytest.mark.parametrize(
     "maker",
-    [figures_accuracy, figures_control, figures_stress, figures_surface_contact, figures_validation],
+    [
+        figures_accuracy,
+        figures_control,
+        figures_speed,
+        figures_stress,
+        figures_surface_contact,
+        figures_validation,
+    ],
 )
 def test_pages_show_the_numbers_of_their_files(maker: ModuleType) -> None:
     page = maker.PAGE.read_text(encoding="utf-8")

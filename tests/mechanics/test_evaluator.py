@@ -10,58 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from backends import NEVER, SAME, check, compiled, programmed
 
 from exosight.exosuit.assembly import Exosuit, assemble
 from exosight.mechanics import Configuration, Robot, SolverOptions, Term, drive, stack
-from exosight.mechanics.evaluator import Evaluator, by_program, by_xla, prepare, program_of, solve_signed
-from exosight.mechanics.metric import Metric
-from exosight.scalar_program import Unrolled, call_unrolled, interpreter
+from exosight.mechanics.evaluator import program_of, solve_signed
+from exosight.scalar_program import call_unrolled, interpreter
 from exosight.system.build import build
 from exosight.system.file import describe, read_system_file
 
-SAME = 1e-12
-"""Relative to the largest number of its kind: some thousand sums of round-off 1e-16."""
-
-NEVER = jnp.array(jnp.inf)
-"""No step ends that is evaluated."""
-
 SYSTEMS = Path(__file__).parents[2] / "examples" / "systems"
-
-
-def both(robot: Robot, q: np.ndarray, loads: np.ndarray, step: np.ndarray) -> list[list[np.ndarray]]:
-    """What a program and XLA give for several poses."""
-    leaves, structure = jax.tree.flatten(robot)
-    program = program_of(structure, tuple(np.shape(leaf) for leaf in leaves), loads.shape[1])
-    assert program is not None
-
-    def run(evaluator: Evaluator, q: jax.Array, loads: jax.Array, step: jax.Array) -> list:
-        (_, _, _, found), pose = evaluator.evaluate(q, loads, (), NEVER)
-        return [*jax.tree.leaves(found), evaluator.step_fraction(pose, step)]
-
-    def of(make: Any) -> list[np.ndarray]:
-        return jax.jit(
-            lambda robot, *at: jax.vmap(lambda *at: run(make(robot), *at))(*at),
-            compiler_options={"xla_backend_optimization_level": "0"},
-        )(jax.tree.map(jnp.asarray, robot), q, loads, step)
-
-    return [of(lambda robot: programmed(program, robot)), of(compiled)]
-
-
-def programmed(program: Unrolled, robot: Robot) -> Evaluator:
-    return by_program(program, Metric.of(robot), prepare(program, robot))
-
-
-def compiled(robot: Robot) -> Evaluator:
-    return by_xla(robot, Metric.of(robot))
-
-
-def check(robot: Robot, size: float = 0.2, channels: int | None = None) -> None:
-    rng = np.random.default_rng(0)
-    count = channels or max(1, robot.loads)
-    q, step = (rng.normal(size=(9, robot.dofs)) * scale for scale in (size, 0.1 * size))
-    ours_all, theirs_all = both(robot, q, rng.uniform(0, 2, size=(9, count)), step)
-    for ours, theirs in zip(ours_all, theirs_all, strict=True):
-        np.testing.assert_allclose(ours, theirs, rtol=0, atol=SAME * max(1e-300, np.abs(theirs).max()))
 
 
 def test_published_exosuit() -> None:

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from backends import check
 from compiled import walk
 
 from exosight import lie
@@ -108,6 +109,11 @@ def test_a_path_goes_on_from_its_history(block: Robot) -> None:
     np.testing.assert_allclose(rest.q, whole.q[:, 2:], atol=1e-12)
     with pytest.raises(InputError, match=r"state.history: expected one array for each term with a memory"):
         drive([block], np.array(loads[2:], float), state=State(whole.q[:, 1], np.array([loads[1]], float)))
+
+
+@pytest.mark.parametrize("least", [np.inf, 0.0], ids=["on the way", "at the end of a step"])
+def test_programs_evaluate_friction(block: Robot, least: float) -> None:
+    check(block, size=0.005, least=jnp.array(least))
 
 
 @pytest.mark.parametrize("moved", [1e-4, 1e-2])

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from backends import check
 from scipy.integrate import solve_ivp
 
 from exosight.errors import InputError
@@ -45,6 +46,10 @@ def loaded(tree: Robot) -> Robot:
         JointTorque("lower", 4),
     )
     return Robot(tree.bodies, terms)
+
+
+def test_programs_evaluate_loads(loaded: Robot) -> None:
+    check(loaded)
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from backends import check
 from scipy.linalg import expm
 
 from exosight.errors import InputError
@@ -47,6 +48,10 @@ def bar() -> Robot:
     bodies = (rod, Link("end", 0.0, np.zeros((1, 3)), parent="bar", mass=np.array([MASS])))
     pull = DeadForce("end", 0, 0, jnp.array([1.0, 0.0, 0.0]))
     return Robot(bodies, (pull, relaxation("bar", [0.3, SHARE - 0.3], [TAU, TAU], 1, Tree(bodies))))
+
+
+def test_programs_evaluate_relaxation(bar: Robot) -> None:
+    check(bar, least=jnp.array(0.0))
 
 
 def test_a_bar_creeps_as_a_standard_linear_solid(bar: Robot) -> None:

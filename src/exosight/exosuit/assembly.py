@@ -109,14 +109,19 @@ def assemble(exosuit: Exosuit) -> Robot:
 
 
 def assemble_surface(
-    surface: Float[AnyArray, " points"], slope: Float[AnyArray, " points"], length: Number, exosuit: Exosuit
+    surface: Float[AnyArray, " points"],
+    slope: Float[AnyArray, " points"],
+    length: Number,
+    exosuit: Exosuit,
+    quadrature: Gauss = QUADRATURE,
 ) -> Robot:
     """The same robot for an exosuit of any surface and length; JAX can differentiate by these.
 
-    surface   (points,)   S at the points of QUADRATURE [m]
-    slope     (points,)   dS/dX there [m]
-    length    of the rod [m]
-    exosuit   gives all but the shape: finger, material, mount
+    surface      (points,)   S at the points of the rod [m]
+    slope        (points,)   dS/dX there [m]
+    length       of the rod [m]
+    exosuit      gives all but the shape: finger, material, mount
+    quadrature   points along the rod, each a contact sphere
     """
     finger = exosuit.finger
     height = finger.radii[0] + surface[0] + exosuit.gap
@@ -130,7 +135,7 @@ def assemble_surface(
         poisson=0.5,
         density=1070.0,
         strains=STRAINS,
-        quadrature=QUADRATURE,
+        quadrature=quadrature,
         mount=jnp.array(base),
     )
     links = finger.links()
@@ -142,7 +147,7 @@ def assemble_surface(
         slope=slope[:, None] / length * dorsal,
     )
     contact = SphereContact(
-        first=Spheres(tuple((ROD, i) for i in range(QUADRATURE.size)), floats(surface)),
+        first=Spheres(tuple((ROD, i) for i in range(quadrature.size)), floats(surface)),
         second=Spheres(
             tuple((link.name, site) for link in links for site in range(link.frames)),
             floats(finger.sphere_radii()),
