@@ -162,7 +162,7 @@ def about(
     plants: StressPlants,
 ) -> dict[str, Any]:
     """All that it takes to run it again."""
-    config = replace(config, targets=config.targets or plants.targets)
+    config = replace(config.complete(), targets=config.targets or plants.targets)
     driven, controlled = plants.limits.driven, plants.limits.controlled
     return {
         "system": plants.limits.schema.system,

@@ -1,5 +1,6 @@
 """What may go wrong in an episode, and how often; needs no JAX."""
 
+from dataclasses import replace
 from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, ConfigDict, Field
@@ -18,12 +19,18 @@ at once and knows plant and user."""
 Share = Annotated[float, Field(ge=0, le=1)]
 Delay = Annotated[float, Field(ge=0, le=2)]
 Positive = Annotated[float, Field(gt=0, le=10)]
+Seconds = Annotated[float, Field(gt=0, le=1e4)]
+Coefficient = Annotated[float, Field(ge=0, le=2)]
+Relaxing = Annotated[float, Field(ge=0, le=0.9)]
 
 
 @configuration(frozen=True, config=ConfigDict(extra="forbid"))
 class StressConfig:
     """What may go wrong, and how often."""
 
+    suite: Literal[1, 2] = 1
+    """1: plants without friction and creep, whose actuators answer at once; 2: the same episodes, and each plant
+    with friction, creep and a valve as well, whose default ranges are those of the options below"""
     hold_seconds: Annotated[float, Field(ge=1.5, le=60)] = 3.0
     """time until the target drops [s]"""
     release_seconds: Annotated[float, Field(ge=1.1, le=60)] = 1.5
@@ -33,10 +40,20 @@ class StressConfig:
     reading within the limits for another"""
     latency: Annotated[tuple[Delay, Delay], AfterValidator(rising)] = (0.0, 0.3)
     """age of the frames [s], in whole steps of 0.1 s; one for each episode"""
-    lag: Annotated[tuple[Delay, Delay], AfterValidator(rising)] = (0.0, 0.0)
-    """of the actuators [s]: time in which they go 63 % of the way to a command; one for each episode"""
-    dead_time: Annotated[tuple[Delay, Delay], AfterValidator(rising)] = (0.0, 0.0)
-    """of the actuators [s]: time before anything of a command arrives; one for each episode"""
+    lag: Annotated[tuple[Delay, Delay], AfterValidator(rising)] | None = None
+    """of the actuators [s]: time in which they go 63 % of the way to a command; one for each episode; default: 0
+    in suite 1, 0 to 0.3 in suite 2"""
+    dead_time: Annotated[tuple[Delay, Delay], AfterValidator(rising)] | None = None
+    """of the actuators [s]: time before anything of a command arrives; one for each episode; default: 0 in suite
+    1, 0 to 0.2 in suite 2"""
+    friction: Annotated[tuple[Coefficient, Coefficient], AfterValidator(rising)] | None = None
+    """Coulomb's coefficient of the contacts of two bodies [-]; one for each episode; default: none in suite 1, 0
+    to 0.6 in suite 2"""
+    creep: Annotated[tuple[Relaxing, Relaxing], AfterValidator(rising)] | None = None
+    """share of the rods' instantaneous modulus that relaxes [-]; one for each episode; default: none in suite 1,
+    0.05 to 0.2 in suite 2"""
+    creep_time: Annotated[tuple[Seconds, Seconds], AfterValidator(rising)] = (0.3, 10.0)
+    """in which it relaxes [s], even in its logarithm; one for each episode"""
     dropped: Annotated[tuple[Share, Share], AfterValidator(rising)] = (0.0, 0.2)
     """share of the frames that never come; one for each episode"""
     repeated: Annotated[tuple[Share, Share], AfterValidator(rising)] = (0.0, 0.1)
@@ -50,3 +67,24 @@ class StressConfig:
     """in every third episode the camera stands up to 2 mm off and is up to 3 % too near or too far"""
     moving_user: bool = True
     """in every other episode joints stiffen or soften, and rest flexed by up to 10°"""
+
+    def complete(self) -> "StressConfig":
+        """The same with the ranges of its suite where none are given.
+
+        Friction: silicone and fabric on skin (see `exosight.exosuit.index`). Creep: silicones of soft robots
+        relax within seconds to minutes (J. C. Case, E. L. White, R. K. Kramer, Soft Robotics 2, 2015, doi
+        10.1089/soro.2015.0002; Z. Liao, M. Hossain, X. Yao, Mech. Mater. 144, 2020, doi
+        10.1016/j.mechmat.2020.103366); share and times are chosen here, the times such that an episode shows
+        them.
+        """
+        given = {name: getattr(self, name) for name in _SUITES[self.suite]}
+        return replace(
+            self, **{name: _SUITES[self.suite][name] if own is None else own for name, own in given.items()}
+        )
+
+
+_SUITES: dict[int, dict[str, tuple[float, float]]] = {
+    1: {"lag": (0.0, 0.0), "dead_time": (0.0, 0.0), "friction": (0.0, 0.0), "creep": (0.0, 0.0)},
+    2: {"lag": (0.0, 0.3), "dead_time": (0.0, 0.2), "friction": (0.0, 0.6), "creep": (0.05, 0.2)},
+}
+"""Ranges of what a suite has beyond the first one."""

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from exosight.control.loop import RATE
 from exosight.control.stress.config import KINDS, Kind, StressConfig
-from exosight.control.stress.plants import Limits, StressPlants
+from exosight.control.stress.plants import Limits, StressPlants, with_friction_and_creep
 from exosight.control.valve import Valve
 from exosight.errors import InputError
 from exosight.mechanics import Link
@@ -48,6 +48,8 @@ class Episode:
     stiffness  (steps, coordinates)    of the links' joints [N m/rad]
     rest       (steps, coordinates)    angles at which their springs are slack [rad]
     valve      how late the actuators answer
+    friction   coefficient between the bodies [-]; 0: none
+    creep      share of the rods' instantaneous modulus that relaxes [-]; 0: none
     """
 
     kind: Kind
@@ -62,6 +64,8 @@ class Episode:
     stiffness: Float[np.ndarray, "steps coordinates"]
     rest: Float[np.ndarray, "steps coordinates"]
     valve: Valve
+    friction: float
+    creep: float
 
     @property
     def moves(self) -> bool:
@@ -83,6 +87,7 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
     """
     if seed < 0 or number < 0:
         raise InputError(f"seed and number: expected whole numbers ≥ 0, got {seed} and {number}")
+    config = config.complete()
     rng = np.random.default_rng([seed, number])
     held, after = round(config.hold_seconds * RATE), round(config.release_seconds * RATE)
     steps = held + after
@@ -90,6 +95,8 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
     camera = plants.nominal.camera
     system = plants.other(seed, number) if config.wrong_plant else plants.nominal
     springs, share = _joints(system)
+    friction, creep, seconds = _material(config, seed, number)
+    system = with_friction_and_creep(system, friction, creep, seconds)
     x, z, scale = rng.uniform(-1, 1, 3).tolist()
     if config.wrong_camera and number % 3 == 0:
         camera = replace(
@@ -119,6 +126,8 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
         stiffness=stiffness,
         rest=rest,
         valve=_valve(config, seed, number),
+        friction=friction or 0.0,
+        creep=creep or 0.0,
     )
 
 
@@ -126,6 +135,20 @@ def _valve(config: StressConfig, seed: int, number: int) -> Valve:
     """From a generator of its own, so that valves change nothing else of an episode."""
     rng = np.random.default_rng([seed, number, 1])
     return Valve(rng.uniform(*config.lag), rng.uniform(*config.dead_time))
+
+
+def _material(
+    config: StressConfig, seed: int, number: int
+) -> tuple[float | None, float | None, float]:
+    """Friction [-], creep [-] and its time [s], likewise; None where no episode has any."""
+    rng = np.random.default_rng([seed, number, 2])
+    low, high = config.creep_time
+    friction, creep, seconds = rng.uniform(*config.friction), rng.uniform(*config.creep), rng.random()
+    return (
+        friction if config.friction[1] else None,
+        creep if config.creep[1] else None,
+        low * (high / low) ** seconds,
+    )
 
 
 def _target(

@@ -57,6 +57,14 @@ class Measured:
     """joints stiffen, soften and flex"""
     camera_displaced: bool
     """the camera is not where it was at first"""
+    lag: float
+    """of the actuators [s]"""
+    dead_time: float
+    """of the actuators [s]"""
+    friction: float
+    """coefficient between the bodies [-]"""
+    creep: float
+    """share of the rods' instantaneous modulus that relaxes [-]"""
 
 
 def measure_episode(episode: Episode, traces: Traces, number: int, limits: ControllerConfig) -> Measured:
@@ -95,6 +103,10 @@ def measure_episode(episode: Episode, traces: Traces, number: int, limits: Contr
         latency=episode.latency / RATE,
         user_moves=episode.moves,
         camera_displaced=episode.displaced,
+        lag=episode.valve.lag,
+        dead_time=episode.valve.dead_time,
+        friction=episode.friction,
+        creep=episode.creep,
     )
 
 

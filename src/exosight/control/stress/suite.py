@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from exosight.control.batch import BatchPlant, Joints
 from exosight.control.guard import Measurement, Transition
 from exosight.control.laws import Law
+from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig
 from exosight.control.stress.episodes import Episode
 from exosight.control.stress.frames import FrameDelivery, Look
@@ -141,11 +142,16 @@ class EpisodeRun:
         self._stiffness = np.stack([episode.stiffness for episode in episodes])
         self._rest = np.stack([episode.rest for episode in episodes])
         self._command, self._states = [np.zeros(len(episodes))], [self.plant.state]
+        self._step = 0
 
     def apply(self, step: int, u: Float[np.ndarray, " episodes"]) -> Float[np.ndarray, "episodes outputs"]:
-        """Give every plant its command, with the users as they are in this step; what is read then."""
+        """Give every plant its command, with the users as they are in this step; what is read then.
+
+        A step takes its time once, however often a command is tried out in it.
+        """
         joints = Joints(self._stiffness[:, step], self._rest[:, step])
-        return self.plant.step(self._valves.step(self._config.commands(u)), joints).outputs
+        seconds, self._step = (step - self._step) / RATE, step
+        return self.plant.step(self._valves.step(self._config.commands(u)), joints, seconds).outputs
 
     def keep(self, u: Float[np.ndarray, " episodes"]) -> None:
         """Take the plants as they are now as those of the step."""
