@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import equinox as eqx
 import jax
@@ -65,6 +66,32 @@ class BatchState:
     def outputs(self) -> Float[np.ndarray, "plants outputs"]:
         """What the estimated sensors read, in the order of a network's outputs [each in its unit]."""
         return self.readings[:, self.schema.output_indices()]
+
+
+class Plants(Protocol):
+    """Several plants that are stepped side by side: `BatchPlant`, or what stands for it."""
+
+    schema: Schema
+
+    @property
+    def state(self) -> BatchState:
+        """All plants as they are now."""
+        ...
+
+    def step(
+        self,
+        commands: Float[np.ndarray, "plants channels"],
+        joints: Joints | None = None,
+        seconds: float = 1 / RATE,
+    ) -> BatchState:
+        """Change every plant's commands, and perhaps the users' joints, as `BatchPlant.step` does."""
+        ...
+
+    def pictures(
+        self, camera: Camera | None = None, which: Int[np.ndarray, " frames"] | None = None
+    ) -> UInt8[np.ndarray, "frames height width"]:
+        """What a camera sees of them."""
+        ...
 
 
 class BatchPlant:

@@ -38,9 +38,7 @@ class SimulatedPlant:
     period: float = 1 / RATE
     schema: Schema = field(init=False)
     _stacked: System = field(init=False, repr=False)
-    _walk: "Callable[[_Point, tuple[float, ...], float], tuple[_Point, bool]]" = field(
-        init=False, repr=False
-    )
+    _walk: "Callable[[_Point, tuple[float, ...], float], tuple[_Point, bool]]" = field(init=False, repr=False)
     _now: "_Point | None" = field(init=False, repr=False, default=None)
     _converged: bool = field(init=False, repr=False, default=True)
 

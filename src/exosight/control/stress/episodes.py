@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from exosight.control.loop import RATE
 from exosight.control.stress.config import KINDS, Kind, StressConfig
-from exosight.control.stress.plants import Limits, StressPlants, with_friction_and_creep
+from exosight.control.stress.plants import Creep, Limits, StressPlants
 from exosight.control.valve import Valve
 from exosight.errors import InputError
 from exosight.mechanics import Link
@@ -37,7 +37,7 @@ class Episode:
     """All that happens in an episode, a row a step of 0.1 s.
 
     kind       of target
-    system     the one that is driven
+    system     the one that is driven, but for friction and creep
     camera     the one that looks at it
     target     (steps,)                [the sensor's unit], 0 from `drop` on
     drop       step at which the target drops to 0
@@ -48,8 +48,8 @@ class Episode:
     stiffness  (steps, coordinates)    of the links' joints [N m/rad]
     rest       (steps, coordinates)    angles at which their springs are slack [rad]
     valve      how late the actuators answer
-    friction   coefficient between the bodies [-]; 0: none
-    creep      share of the rods' instantaneous modulus that relaxes [-]; 0: none
+    friction   coefficient of the contacts of two bodies [-]; None: as the system has it
+    creep      of its rods; None: as the system has it
     """
 
     kind: Kind
@@ -64,8 +64,8 @@ class Episode:
     stiffness: Float[np.ndarray, "steps coordinates"]
     rest: Float[np.ndarray, "steps coordinates"]
     valve: Valve
-    friction: float
-    creep: float
+    friction: float | None
+    creep: Creep | None
 
     @property
     def moves(self) -> bool:
@@ -94,9 +94,8 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
     kind = KINDS[number % len(KINDS)]
     camera = plants.nominal.camera
     system = plants.other(seed, number) if config.wrong_plant else plants.nominal
-    springs, share = _joints(system)
-    friction, creep, seconds = _material(config, seed, number)
-    system = with_friction_and_creep(system, friction, creep, seconds)
+    springs, share = joint_springs(system)
+    friction, creep = _material(config, seed, number)
     x, z, scale = rng.uniform(-1, 1, 3).tolist()
     if config.wrong_camera and number % 3 == 0:
         camera = replace(
@@ -126,8 +125,8 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
         stiffness=stiffness,
         rest=rest,
         valve=_valve(config, seed, number),
-        friction=friction or 0.0,
-        creep=creep or 0.0,
+        friction=friction,
+        creep=creep,
     )
 
 
@@ -137,17 +136,14 @@ def _valve(config: StressConfig, seed: int, number: int) -> Valve:
     return Valve(rng.uniform(*config.lag), rng.uniform(*config.dead_time))
 
 
-def _material(
-    config: StressConfig, seed: int, number: int
-) -> tuple[float | None, float | None, float]:
-    """Friction [-], creep [-] and its time [s], likewise; None where no episode has any."""
+def _material(config: StressConfig, seed: int, number: int) -> tuple[float | None, Creep | None]:
+    """Friction and creep, likewise; None where no episode has any."""
     rng = np.random.default_rng([seed, number, 2])
     low, high = config.creep_time
-    friction, creep, seconds = rng.uniform(*config.friction), rng.uniform(*config.creep), rng.random()
+    friction, share, place = rng.uniform(*config.friction), rng.uniform(*config.creep), rng.random()
     return (
         friction if config.friction[1] else None,
-        creep if config.creep[1] else None,
-        low * (high / low) ** seconds,
+        Creep(share, low * (high / low) ** place) if config.creep[1] else None,
     )
 
 
@@ -184,7 +180,7 @@ def _burst(rng: np.random.Generator, steps: int) -> Burst:
     )
 
 
-def _joints(
+def joint_springs(
     system: System,
 ) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, " coordinates"]]:
     """Stiffness of the links' joint coordinates, and the share of the user's motion that each of them takes.

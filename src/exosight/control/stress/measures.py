@@ -105,8 +105,8 @@ def measure_episode(episode: Episode, traces: Traces, number: int, limits: Contr
         camera_displaced=episode.displaced,
         lag=episode.valve.lag,
         dead_time=episode.valve.dead_time,
-        friction=episode.friction,
-        creep=episode.creep,
+        friction=episode.friction or 0.0,
+        creep=episode.creep.share if episode.creep else 0.0,
     )
 
 

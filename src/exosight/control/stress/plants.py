@@ -120,15 +120,25 @@ def _targets(limits: ControllerConfig) -> tuple[Limits, Limits]:
     return targets, (_AROUND_SNAP[0] * before, _AROUND_SNAP[1] * max(before, after))
 
 
-def with_friction_and_creep(
-    system: System, friction: float | None, creep: float | None, seconds: float
-) -> System:
-    """The system with Coulomb friction in all contacts of two bodies, and rods that relax; `None` leaves it
-    as it is.
+@dataclass(frozen=True)
+class Creep:
+    """Of rods whose stress relaxes: a standard linear solid.
+
+    share   of the instantaneous modulus that relaxes [-]; what is left is the modulus of the system
+    time    in which it relaxes [s]
+    """
+
+    share: float
+    time: float
+
+
+def with_friction_and_creep(system: System, friction: float | None, creep: Creep | None) -> System:
+    """The system with Coulomb friction in all contacts of two bodies, and rods that relax; with None it stays
+    as it is there.
 
     friction   coefficient [-]
-    creep      share of the instantaneous modulus that relaxes [-]; what is left is the system's modulus
-    seconds    relaxation time [s]
+
+    Raises InputError for a share that is not above 0.
     """
     if friction is not None:
         contacts = tuple(
@@ -139,6 +149,6 @@ def with_friction_and_creep(
     if creep is not None:
         tree, clock = Tree(system.bodies), len(system.actuators)
         rods = (body.name for body in system.bodies if isinstance(body, Rod))
-        relaxing = tuple(relaxation(rod, [creep], [seconds], clock, tree) for rod in rods)
+        relaxing = tuple(relaxation(rod, [creep.share], [creep.time], clock, tree) for rod in rods)
         system = replace(system, relaxations=relaxing)
     return system
