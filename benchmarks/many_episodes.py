@@ -59,7 +59,7 @@ def run(
 
 
 def compared(config: StressConfig, plants: StressPlants, table: ForceTable) -> dict[str, float]:
-    """How far tabulated and solved plants are apart under the same commands, those of the guarded controller."""
+    """How far tabulated and solved plants are apart under the commands of the guarded controller."""
     drawn = episodes(config, range(COMPARED), plants)
     traces, _ = run(drawn, "guarded", plants, table.plants)
 

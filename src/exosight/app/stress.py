@@ -218,7 +218,7 @@ def stress_table(found: Mapping[str, Any]) -> Table:
 
 
 def cause_tables(found: Mapping[str, Any]) -> list[Table]:
-    """Why episodes failed, a row a disturbance and two columns a controller; none where it was not asked for."""
+    """Why episodes failed, a row a disturbance, a column a controller; none where it was not asked for."""
     causes = {name: each["causes"] for name, each in found["controllers"].items() if "causes" in each}
     if not causes:
         return []

@@ -57,8 +57,8 @@ def stress(
             without it the sensor is the true reading
         causes: failed episodes of each controller that are run again, once for each disturbance without it;
             needs the oracle
-        save_worst: episodes of the guarded and the adaptive controller, the worst first, that are written to --out
-            as recordings for exosight replay; needs a model
+        save_worst: episodes of the guarded and the adaptive controller, the worst first, that are written
+            to --out as recordings for exosight replay; needs a model
         out: folder for summary (JSON), every episode (CSV) and figure (SVG); it must not exist
         json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
     """

@@ -1,7 +1,7 @@
 """Why episodes fail: the same ones again, with one disturbance removed at a time.
 
-An episode fails if it is attainable and not settled, given up by the guard, or beyond a contact limit. Several
-disturbances may be causes together, so the counts do not add up to the number of failures.
+An episode fails if it is attainable and not settled, given up by the guard, or beyond a contact limit.
+Several disturbances may be causes together, so the counts do not add up to the number of failures.
 """
 
 import math

@@ -29,8 +29,8 @@ class StressConfig:
     """What may go wrong, and how often."""
 
     suite: Literal[1, 2] = 1
-    """1: plants without friction and creep, whose actuators answer at once; 2: the same episodes, and each plant
-    with friction, creep and a valve as well, whose default ranges are those of the options below"""
+    """1: plants without friction and creep, whose actuators answer at once; 2: the same episodes with
+    friction, creep, lag and dead time as well"""
     hold_seconds: Annotated[float, Field(ge=1.5, le=60)] = 3.0
     """time until the target drops [s]"""
     release_seconds: Annotated[float, Field(ge=1.1, le=60)] = 1.5
@@ -41,17 +41,17 @@ class StressConfig:
     latency: Annotated[tuple[Delay, Delay], AfterValidator(rising)] = (0.0, 0.3)
     """age of the frames [s], in whole steps of 0.1 s; one for each episode"""
     lag: Annotated[tuple[Delay, Delay], AfterValidator(rising)] | None = None
-    """of the actuators [s]: time in which they go 63 % of the way to a command; one for each episode; default: 0
-    in suite 1, 0 to 0.3 in suite 2"""
+    """of the actuators [s]: time in which they go 63 % of the way to a command; one for each episode;
+    default: 0 in suite 1, 0 to 0.3 in suite 2"""
     dead_time: Annotated[tuple[Delay, Delay], AfterValidator(rising)] | None = None
-    """of the actuators [s]: time before anything of a command arrives; one for each episode; default: 0 in suite
-    1, 0 to 0.2 in suite 2"""
+    """of the actuators [s]: time before anything of a command arrives; one for each episode; default: 0 in
+    suite 1, 0 to 0.2 in suite 2"""
     friction: Annotated[tuple[Coefficient, Coefficient], AfterValidator(rising)] | None = None
-    """Coulomb's coefficient of the contacts of two bodies [-]; one for each episode; default: none in suite 1, 0
-    to 0.6 in suite 2"""
+    """Coulomb's coefficient of the contacts of two bodies [-]; one for each episode; default: none in
+    suite 1, 0 to 0.6 in suite 2"""
     creep: Annotated[tuple[Relaxing, Relaxing], AfterValidator(rising)] | None = None
-    """share of the rods' instantaneous modulus that relaxes [-]; one for each episode; default: none in suite 1,
-    0.05 to 0.2 in suite 2"""
+    """share of the rods' instantaneous modulus that relaxes [-]; one for each episode; default: none in
+    suite 1, 0.05 to 0.2 in suite 2"""
     creep_time: Annotated[tuple[Seconds, Seconds], AfterValidator(rising)] = (0.3, 10.0)
     """in which it relaxes [s], even in its logarithm; one for each episode"""
     dropped: Annotated[tuple[Share, Share], AfterValidator(rising)] = (0.0, 0.2)

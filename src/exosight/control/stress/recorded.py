@@ -64,8 +64,8 @@ def record_episodes(
 ) -> None:
     """Run episodes and write each to a new file, with pictures, estimates, true readings and states.
 
-    A row is a step: what the controller got, what it asked for, and what was true when the step began. The times
-    of its stages are 0. Where a frame was repeated, the estimate is that of the first time.
+    A row is a step: what the controller got, what it asked for, and what was true when the step began. The
+    times of its stages are 0. Where a frame was repeated, the estimate is that of the first time.
 
     paths   of the files, one an episode
     name    of the controller
