@@ -20,8 +20,10 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
-from exosight.control import guarded_of
+from exosight.control import GuardConfig, guarded_of
+from exosight.control.guarded import GuardedName
 from exosight.control.stress import StressConfig
+from exosight.control.stress.config import guard_of
 from exosight.control.stress.episodes import Episode, draw_episode, joint_springs
 from exosight.control.stress.frames import true_sensor
 from exosight.control.stress.measures import RELEASE_SECONDS, Measured, measure_episode
@@ -50,10 +52,10 @@ def episodes(config: StressConfig, numbers: Sequence[int], plants: StressPlants)
 
 
 def run(
-    drawn: Sequence[Episode], name: str, plants: StressPlants, solve: Solve
+    drawn: Sequence[Episode], name: GuardedName, plants: StressPlants, guard: GuardConfig, solve: Solve
 ) -> tuple[Traces, list[Measured]]:
     """One controller on these episodes."""
-    controllers = [guarded_of(name, plants.limits) for _ in drawn]
+    controllers = [guarded_of(name, plants.limits, guard) for _ in drawn]
     traces = run_episodes(drawn, controllers, true_sensor, plants.limits, solve=solve)
     return traces, [measure_episode(e, traces, i, plants.limits) for i, e in enumerate(drawn)]
 
@@ -61,7 +63,7 @@ def run(
 def compared(config: StressConfig, plants: StressPlants, table: ForceTable) -> dict[str, float]:
     """How far tabulated and solved plants are apart under the commands of the guarded controller."""
     drawn = episodes(config, range(COMPARED), plants)
-    traces, _ = run(drawn, "guarded", plants, table.plants)
+    traces, _ = run(drawn, "guarded", plants, guard_of(config), table.plants)
 
     class Same:
         """Asks for the commands of the first run."""
@@ -144,7 +146,7 @@ def main() -> None:
                 continue
             begin = time.process_time()
             numbers = range(first, min(first + BLOCK, asked.episodes))
-            _, measured = run(episodes(config, numbers, plants), name, plants, table.plants)
+            _, measured = run(episodes(config, numbers, plants), name, plants, guard_of(config), table.plants)
             own["episodes"] += len(measured)
             own["cpu_s"] = round(own["cpu_s"] + time.process_time() - begin, 1)
             for key, count in counted(measured).items():

@@ -12,10 +12,11 @@ from pydantic import TypeAdapter
 from exosight.app.console import progress, to_json
 from exosight.app.control_figures import stress_figure
 from exosight.app.nominal import camera_for
-from exosight.control import ControllerConfig, OnnxEstimator, Proportional, guarded_of
+from exosight.control import ControllerConfig, GuardConfig, OnnxEstimator, Proportional, guarded_of
 from exosight.control.guarded import GuardedName
 from exosight.control.stress import ControllerName, StressConfig
 from exosight.control.stress.causes import Causes, find_causes, worst
+from exosight.control.stress.config import guard_of
 from exosight.control.stress.episodes import Episode, draw_episode
 from exosight.control.stress.frames import Look, camera_sensor, true_sensor
 from exosight.control.stress.measures import Measured, attained, measure_episode, summary
@@ -81,9 +82,10 @@ def run_stress(
     if causes and ORACLE not in controllers:
         raise InputError("causes: expected the oracle among the controllers, which tells what is attainable")
     drawn = [draw_episode(config, seed, number, plants) for number in range(episodes)]
+    guard = guard_of(config)
     outcomes: dict[str, Outcome] = {}
     for name in (*controllers, *(f"K_P = {gain:g}" for gain in gains)):
-        outcomes[name] = _run(name, drawn, gains, plants, look)
+        outcomes[name] = _run(name, drawn, gains, plants, look, guard)
     if not causes:
         return outcomes
 
@@ -92,7 +94,7 @@ def run_stress(
             drawn,
             outcome.measured,
             outcomes[ORACLE].measured,
-            lambda others: _run(name, others, gains, plants, look).measured,
+            lambda others: _run(name, others, gains, plants, look, guard).measured,
             plants.nominal,
             causes,
         )
@@ -102,14 +104,19 @@ def run_stress(
 
 
 def _run(
-    name: str, drawn: Sequence[Episode], gains: Sequence[float], plants: StressPlants, look: Look
+    name: str,
+    drawn: Sequence[Episode],
+    gains: Sequence[float],
+    plants: StressPlants,
+    look: Look,
+    guard: GuardConfig,
 ) -> Outcome:
     """One controller on all of these episodes."""
     with progress(name, "steps") as update:
         if name == ORACLE:
             traces = run_oracle(drawn, plants.limits, update)
         else:
-            chosen = _controllers(name, plants.limits, gains, len(drawn))
+            chosen = _controllers(name, plants.limits, gains, len(drawn), guard)
             traces = run_episodes(drawn, chosen, look, plants.limits, update)
     return Outcome(tuple(measure_episode(e, traces, i, plants.limits) for i, e in enumerate(drawn)), traces)
 
@@ -135,15 +142,16 @@ def save_worst(
                 look,
                 plants.limits,
                 model,
+                guard_of(config),
             )
 
 
 def _controllers(
-    name: str, limits: ControllerConfig, gains: Sequence[float], count: int
+    name: str, limits: ControllerConfig, gains: Sequence[float], count: int, guard: GuardConfig
 ) -> Sequence[Controller]:
     """One of this name for each episode."""
     if name in ("guarded", "adaptive"):
-        return [guarded_of(name, limits) for _ in range(count)]
+        return [guarded_of(name, limits, guard) for _ in range(count)]
     (gain,) = (gain for gain in gains if name == f"K_P = {gain:g}")
     return [Unguarded(Proportional(gain, limits.driven), limits.weights) for _ in range(count)]
 

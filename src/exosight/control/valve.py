@@ -39,6 +39,11 @@ class Valve:
             if not 0 <= value <= LONGEST:
                 raise InputError(f"valve, {name}: expected 0 to {LONGEST:g} s, got {value}")
 
+    @property
+    def response_time(self) -> float:
+        """Time after which 2 % of a change are left, T + 4 τ [s]."""
+        return self.dead_time + 4 * self.lag
+
 
 AT_ONCE = Valve()
 

@@ -6,6 +6,8 @@ from typing import Annotated, Literal, get_args
 from pydantic import AfterValidator, ConfigDict, Field
 from pydantic.dataclasses import dataclass as configuration
 
+from exosight.control.frame_check import GuardConfig
+from exosight.control.valve import Valve
 from exosight.validation import rising
 
 Kind = Literal["constant", "snap", "steps", "ramp", "sine"]
@@ -81,6 +83,12 @@ class StressConfig:
         return replace(
             self, **{name: _SUITES[self.suite][name] if own is None else own for name, own in given.items()}
         )
+
+
+def guard_of(config: StressConfig) -> GuardConfig:
+    """What the controllers are told of their actuators: how slow the slowest of the suite is."""
+    lag, dead_time = config.complete().lag, config.complete().dead_time
+    return GuardConfig(response_time=Valve(lag[1], dead_time[1]).response_time)
 
 
 _SUITES: dict[int, dict[str, tuple[float, float]]] = {

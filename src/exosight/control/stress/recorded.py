@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.control.adaptive import Adaptive
-from exosight.control.frame_check import Measurement
+from exosight.control.frame_check import GuardConfig, Measurement
 from exosight.control.guard import Guarded, Transition
 from exosight.control.guarded import GuardedName, guarded_of
 from exosight.control.paths import ControllerConfig
@@ -60,6 +60,7 @@ def record_episodes(
     look: Look,
     config: ControllerConfig,
     model: Path,
+    guard: GuardConfig,
     solve: Solve = solved,
 ) -> None:
     """Run episodes and write each to a new file, with pictures, estimates, true readings and states.
@@ -70,10 +71,11 @@ def record_episodes(
     paths   of the files, one an episode
     name    of the controller
     look    `camera_sensor` of the network whose file is `model`
+    guard   settings of the guard
 
     Raises InputError as `run_episodes`, DataError if a file exists or cannot be written.
     """
-    kept = [_Kept(guarded_of(name, config)) for _ in episodes]
+    kept = [_Kept(guarded_of(name, config, guard)) for _ in episodes]
     traces = run_episodes(episodes, kept, look, config, solve=solve)
     for path, controller, true in zip(paths, kept, traces.outputs, strict=True):
         _write(path, controller, true, model)
