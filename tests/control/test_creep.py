@@ -2,45 +2,25 @@
 
 import numpy as np
 import pytest
+from creeping_bar import BAR, LENGTH, RIGIDITY, SHARE, TAU
 
 from exosight.control.batch import BatchPlant
 from exosight.control.simulated import SimulatedPlant
 from exosight.errors import InputError
-from exosight.system import describe
+from exosight.system import describe, read_system_file
 from exosight.system.build import build
 from exosight.system.system import System
 
-YOUNG, RADIUS, LENGTH, SHARE, TAU, PERIOD = 300e3, 0.005, 0.08, 0.4, 2.0, 0.1
-COMPLIANCE = LENGTH / (YOUNG * np.pi * RADIUS**2)
+PERIOD = 0.1
+COMPLIANCE = LENGTH / RIGIDITY
 """Of the rod after long times [m/N]."""
 
 
 @pytest.fixture(scope="module")
-def bar() -> System:
-    """A rod that only stretches."""
-    return build(
-        describe(
-            {
-                "format": 1,
-                "name": "bar",
-                "rods": {
-                    "soft": {
-                        "length": "80 mm",
-                        "radius": "5 mm",
-                        "young": "300 kPa",
-                        "relaxation": [{"share": SHARE, "time": "2 s"}],
-                        "strains": ["stretch_x"],
-                        "elements": 1,
-                        "points_per_element": 3,
-                    }
-                },
-                "surfaces": {"bar": {"type": "tube", "bodies": ["soft"]}},
-                "actuators": {"u": {"type": "pressure_line", "body": "soft", "range": ["-1 N", "3 N"]}},
-                "sensors": {"tip": {"type": "position", "body": "soft"}},
-                "cameras": {"side": {"centre": ["40 mm", "0 mm"], "pixel": "1 mm"}},
-            }
-        )
-    )
+def bar(tmp_path_factory: pytest.TempPathFactory) -> System:
+    file = tmp_path_factory.mktemp("bar") / "bar.toml"
+    file.write_text(BAR, encoding="utf-8")
+    return build(describe(read_system_file(file)))
 
 
 def crept(load: float, steps: int) -> np.ndarray:

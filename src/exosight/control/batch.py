@@ -154,7 +154,8 @@ class BatchPlant:
     def resting(self) -> Joints:
         """The joints as the systems have them."""
         springs = [self._own[link.name].joint.stiffness for link in self._links]
-        stiffness = np.concatenate([np.asarray(s, dtype=float) for s in springs], axis=1)
+        none = np.zeros((len(self), 0))
+        stiffness = np.concatenate([none, *(np.asarray(s, dtype=float) for s in springs)], axis=1)
         return Joints(stiffness, np.zeros_like(stiffness))
 
     @property
