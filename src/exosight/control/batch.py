@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -68,6 +68,7 @@ class BatchState:
         return self.readings[:, self.schema.output_indices()]
 
 
+@runtime_checkable
 class Plants(Protocol):
     """Several plants that are stepped side by side: `BatchPlant`, or what stands for it."""
 
