@@ -63,14 +63,16 @@ def stress(
         json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
+    if causes and "oracle" not in controllers:
+        raise InputError("causes: expected the oracle among the controllers, which tells what is attainable")
+    if save_worst and (model is None or out is None):
+        raise InputError("save-worst: expected --model, as recordings hold pictures, and a folder --out")
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
     from exosight.app import stress as run
     from exosight.control.estimator import model_path
     from exosight.exosuit.catalogue import find_system
 
     model = None if model is None else model_path(model, loop.system)
-    if save_worst and (model is None or out is None):
-        raise InputError("save-worst: expected --model, as recordings hold pictures, and a folder --out")
     plants, look = run.prepare(find_system(loop.system), model, loop.sensor, loop.channel)
     gains = (plants.gain,) if gains is None else gains
     with results_folder(out) as folder:
