@@ -142,7 +142,8 @@ def test_behind_a_valve_that_they_are_told_of_controllers_settle_without_a_fault
 def test_an_actuator_that_is_stuck_is_a_fault_after_the_response_time(straight_config) -> None:
     valve = Valve(0.1, 0.2)
     guarded = guarded_of("guarded", straight_config, GuardConfig(response_time=valve.response_time))
-    reading = Reading(*(np.zeros((1, 7), np.float32),) * 4, np.zeros(1, np.float32))
+    none = np.zeros((1, 7), np.float32)
+    reading = Reading(none, none, none, none, np.zeros(1, np.float32))
     rng = np.random.default_rng(0)
     for step in range(12):
         image = rng.integers(0, 255, (4, 6), np.uint8)

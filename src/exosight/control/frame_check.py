@@ -178,8 +178,8 @@ class FrameCheck:
             return Problem("the plant reports no commands of its channels", remedy)
         reported, driven = self._reported(measurement), self._config.driven
         # What has not arrived moves nothing: before it does, equal pictures are not frozen ones.
-        known = reported is not None and math.isfinite(reported)
-        if self._is_frozen(image, reported if known else self._command_at(age)):
+        arrived = math.nan if reported is None else reported
+        if self._is_frozen(image, arrived if math.isfinite(arrived) else self._command_at(age)):
             remedy = "restart the camera, and check that the actuator moves the system"
             return Problem("a frozen frame, identical to the last", remedy)
         if reported is not None and not self._has_followed(reported, age):

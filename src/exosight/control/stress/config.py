@@ -1,6 +1,6 @@
 """What may go wrong in an episode, and how often; needs no JAX."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal, get_args
 
 from pydantic import AfterValidator, ConfigDict, Field
@@ -70,29 +70,47 @@ class StressConfig:
     moving_user: bool = True
     """in every other episode joints stiffen or soften, and rest flexed by up to 10°"""
 
-    def complete(self) -> "StressConfig":
-        """The same with the ranges of its suite where none are given.
-
-        Friction: silicone and fabric on skin (see `exosight.exosuit.index`). Creep: silicones of soft robots
-        relax within seconds to minutes (J. C. Case, E. L. White, R. K. Kramer, Soft Robotics 2, 2015, doi
-        10.1089/soro.2015.0002; Z. Liao, M. Hossain, X. Yao, Mech. Mater. 144, 2020, doi
-        10.1016/j.mechmat.2020.103366); share and times are chosen here, the times such that an episode shows
-        them.
-        """
-        given = {name: getattr(self, name) for name in _SUITES[self.suite]}
-        return replace(
-            self, **{name: _SUITES[self.suite][name] if own is None else own for name, own in given.items()}
+    @property
+    def beyond_first(self) -> "Ranges":
+        """Ranges of friction, creep and valves: those given, else those of the suite."""
+        usual = _SUITES[self.suite]
+        return Ranges(
+            self.lag or usual.lag,
+            self.dead_time or usual.dead_time,
+            self.friction or usual.friction,
+            self.creep or usual.creep,
         )
+
+    def complete(self) -> "StressConfig":
+        """The same with the ranges of its suite where none are given."""
+        found = self.beyond_first
+        return replace(
+            self, lag=found.lag, dead_time=found.dead_time, friction=found.friction, creep=found.creep
+        )
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """What suites differ in, see the fields of `StressConfig`; an upper limit of 0: none.
+
+    Friction: silicone and fabric on skin (see `exosight.exosuit.index`). Creep: silicones of soft robots
+    relax within seconds to minutes (J. C. Case, E. L. White, R. K. Kramer, Soft Robotics 2, 2015, doi
+    10.1089/soro.2015.0002; Z. Liao, M. Hossain, X. Yao, Mech. Mater. 144, 2020, doi
+    10.1016/j.mechmat.2020.103366); share and times are chosen here, the times such that an episode shows
+    them.
+    """
+
+    lag: tuple[float, float]
+    dead_time: tuple[float, float]
+    friction: tuple[float, float]
+    creep: tuple[float, float]
+
+
+_NONE = (0.0, 0.0)
+_SUITES = {1: Ranges(_NONE, _NONE, _NONE, _NONE), 2: Ranges((0.0, 0.3), (0.0, 0.2), (0.0, 0.6), (0.05, 0.2))}
 
 
 def guard_of(config: StressConfig) -> GuardConfig:
     """What the controllers are told of their actuators: how slow the slowest of the suite is."""
-    lag, dead_time = config.complete().lag, config.complete().dead_time
-    return GuardConfig(response_time=Valve(lag[1], dead_time[1]).response_time)
-
-
-_SUITES: dict[int, dict[str, tuple[float, float]]] = {
-    1: {"lag": (0.0, 0.0), "dead_time": (0.0, 0.0), "friction": (0.0, 0.0), "creep": (0.0, 0.0)},
-    2: {"lag": (0.0, 0.3), "dead_time": (0.0, 0.2), "friction": (0.0, 0.6), "creep": (0.05, 0.2)},
-}
-"""Ranges of what a suite has beyond the first one."""
+    found = config.beyond_first
+    return GuardConfig(response_time=Valve(found.lag[1], found.dead_time[1]).response_time)

@@ -87,7 +87,6 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
     """
     if seed < 0 or number < 0:
         raise InputError(f"seed and number: expected whole numbers ≥ 0, got {seed} and {number}")
-    config = config.complete()
     rng = np.random.default_rng([seed, number])
     held, after = round(config.hold_seconds * RATE), round(config.release_seconds * RATE)
     steps = held + after
@@ -133,17 +132,18 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
 def _valve(config: StressConfig, seed: int, number: int) -> Valve:
     """From a generator of its own, so that valves change nothing else of an episode."""
     rng = np.random.default_rng([seed, number, 1])
-    return Valve(rng.uniform(*config.lag), rng.uniform(*config.dead_time))
+    found = config.beyond_first
+    return Valve(rng.uniform(*found.lag), rng.uniform(*found.dead_time))
 
 
 def _material(config: StressConfig, seed: int, number: int) -> tuple[float | None, Creep | None]:
     """Friction and creep, likewise; None where no episode has any."""
     rng = np.random.default_rng([seed, number, 2])
-    low, high = config.creep_time
-    friction, share, place = rng.uniform(*config.friction), rng.uniform(*config.creep), rng.random()
+    found, (low, high) = config.beyond_first, config.creep_time
+    friction, share, place = rng.uniform(*found.friction), rng.uniform(*found.creep), rng.random()
     return (
-        friction if config.friction[1] else None,
-        Creep(share, low * (high / low) ** place) if config.creep[1] else None,
+        friction if found.friction[1] else None,
+        Creep(share, low * (high / low) ** place) if found.creep[1] else None,
     )
 
 

@@ -24,13 +24,11 @@ class _Kept:
 
     def __init__(self, own: Guarded | Adaptive) -> None:
         self.own, self.steps = own, list[Step]()
-
-    @property
-    def log(self) -> list[Transition]:
-        return self.own.log
+        self.log: list[Transition] = own.log
 
     def reset(self) -> None:
         self.own.reset()
+        self.log = self.own.log
         self.steps.clear()
 
     def step(self, target: float, measurement: Measurement) -> float:
