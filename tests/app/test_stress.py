@@ -50,7 +50,7 @@ def test_the_worst_episodes_can_be_replayed(tmp_path: Path, capsys: pytest.Captu
     assert 0.5 * largest < recorded.true.max() < largest * (1 + 1e-5)
     capsys.readouterr()
     main(["replay", str(recordings[number])])
-    assert "the same estimates, states and commands" in capsys.readouterr().out
+    assert "the same estimates, states and commands" in capsys.readouterr().err
 
 
 def test_a_system_file_has_episodes_of_its_own(tmp_path: Path):
