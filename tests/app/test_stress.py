@@ -9,6 +9,7 @@ import pytest
 from exosight.app.control_figures import stress_figure
 from exosight.app.main import main
 from exosight.app.stress import stress_table
+from exosight.control.recording import read_recording
 
 THUMB = Path(__file__).parents[2] / "examples" / "systems" / "thumb.toml"
 SHORT = ["stress", "--episodes", "10", "--hold-seconds", "1.5", "--release-seconds", "1.1"]
@@ -34,6 +35,24 @@ def test_the_folder_holds_summary_episodes_and_figure(tmp_path: Path, capsys: py
     assert len(stress_figure(found).axes) == 4
 
 
+def test_the_worst_episodes_can_be_replayed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out, told = tmp_path / "stress", tmp_path / "told.json"
+    options = ["--gains", "--model", "shipped", "--save-worst", "10", "--out", str(out), "--json", str(told)]
+    main([*SHORT, *options])
+    rows = list(csv.DictReader((out / "guarded.csv").read_text().splitlines()))
+    recordings = {int(file.stem.removeprefix("guarded_")): file for file in out.glob("guarded_*.h5")}
+    assert set(recordings) == set(range(10))
+    number = max(recordings, key=lambda i: float(rows[i]["largest_contact"]))
+    largest = float(rows[number]["largest_contact"])
+    recorded = read_recording(recordings[number])
+    assert len(recorded) == 25  # 2.6 s, of which the first step is at rest
+    # Forces are those before the step, so the last of them is missing; 6 digits are on file.
+    assert 0.5 * largest < recorded.true.max() < largest * (1 + 1e-5)
+    capsys.readouterr()
+    main(["replay", str(recordings[number])])
+    assert "the same estimates, states and commands" in capsys.readouterr().err
+
+
 def test_a_system_file_has_episodes_of_its_own(tmp_path: Path):
     told = tmp_path / "told.json"
     main([*SHORT, "--system", str(THUMB), "--sensor", "P3", "--json", str(told)])
@@ -57,6 +76,8 @@ def test_a_system_file_has_episodes_of_its_own(tmp_path: Path):
         (["--model", "missing.onnx"], "missing.onnx"),
         (["--system", "missing.toml"], "missing.toml"),
         (["--sensor", "F"], "got 'F'"),
+        (["--causes", "3"], "expected the oracle"),
+        (["--save-worst", "3"], "expected --model"),
     ],
 )
 def test_wrong_options_end_in_one_sentence(

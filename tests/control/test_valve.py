@@ -1,6 +1,7 @@
 """Dead time and lag of actuators, against the solution of their equation."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from exosight.control import CONTROL_SHAPE
+from exosight.control import (
+    CONTROL_SHAPE,
+    GuardConfig,
+    Measurement,
+    Observation,
+    guarded_of,
+    hold,
+    run_guarded,
+    true_measurement,
+)
+from exosight.control.estimator import Reading
+from exosight.control.guarded import GuardedName, Sense
 from exosight.control.loop import RATE
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.valve import AT_ONCE, Valve, ValvePlant, Valves
@@ -100,3 +112,41 @@ def test_a_plant_behind_a_valve_rests_where_it_does_without() -> None:
     first.apply(np.zeros(1))
     assert seen[1] == pytest.approx(first.apply(asked * (1 - np.exp(-1))).reading("F_net"), rel=1e-9)
     assert seen[-1] == pytest.approx(plain.apply(asked).reading("F_net"), rel=1e-9)
+
+
+def measured(rng: np.random.Generator) -> Sense:
+    """True readings with pictures that always differ."""
+
+    def sense(observation: Observation) -> Measurement:
+        image = rng.integers(0, 255, observation.image.shape, np.uint8)
+        return true_measurement(replace(observation, image=image))
+
+    return sense
+
+
+@pytest.mark.parametrize("valve", [Valve(0.1, 0.1), Valve(0.3, 0.1), Valve(0.3, 0.3)])
+@pytest.mark.parametrize("name", ["guarded", "adaptive"])
+def test_behind_a_valve_that_they_are_told_of_controllers_settle_without_a_fault(
+    toy, straight_config, name: GuardedName, valve: Valve
+) -> None:
+    controller = guarded_of(name, straight_config, GuardConfig(response_time=valve.response_time))
+    sense = measured(np.random.default_rng(0))
+    record = run_guarded(ValvePlant(toy(), valve), controller, sense, hold(0.25, 40))
+    assert controller.log == []
+    # The command of the target after three steps, and 5 % of it left: 3 steps, T and three times τ.
+    late = 4 + round(RATE * (valve.dead_time + 3 * valve.lag))
+    assert np.all(np.abs(record.true[late:] - 0.25) < 0.05 * 0.25)
+    assert record.true.max() < 1.01 * 0.25
+
+
+def test_an_actuator_that_is_stuck_is_a_fault_after_the_response_time(straight_config) -> None:
+    valve = Valve(0.1, 0.2)
+    guarded = guarded_of("guarded", straight_config, GuardConfig(response_time=valve.response_time))
+    none = np.zeros((1, 7), np.float32)
+    reading = Reading(none, none, none, none, np.zeros(1, np.float32))
+    rng = np.random.default_rng(0)
+    for step in range(12):
+        image = rng.integers(0, 255, (4, 6), np.uint8)
+        guarded.step(0.25, Measurement(image, reading, 0.0, np.zeros(1)))
+        # 0.6 s: the commands of six steps before the last; u is above 0 from the first step on.
+        assert (guarded.problem is not None and "not the command" in guarded.problem.cause) == (step > 6)

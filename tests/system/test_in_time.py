@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from creeping_bar import BAR, GAP, LENGTH, RATIO, RIGIDITY, STIFFNESS, TAU
 
 from exosight.app.main import main
 from exosight.errors import InputError
@@ -13,63 +14,6 @@ from exosight.system import describe, read_system_file
 from exosight.system.build import build
 from exosight.system.simulation import SystemStates, simulate_path, simulate_system
 from exosight.system.system import System
-
-RIGIDITY, LENGTH, GAP, STIFFNESS = 300e3 * np.pi * 0.005**2, 0.08, 0.002, 20e3
-SHARE, TAU = 0.4, 2.0
-RATIO = SHARE / (1 - SHARE)
-"""Stiffness of the relaxing spring over that of the one that stays."""
-
-BAR = """
-format = 1
-name = "bar"
-
-[rods.soft]                     # it only stretches
-length = "80 mm"
-radius = "5 mm"
-young = "300 kPa"
-relaxation = [{ share = 0.4, time = "2 s" }]
-strains = ["stretch_x"]
-elements = 1
-points_per_element = 3
-
-[links.stop]                    # 2 mm ahead of it
-length = "10 mm"
-radius = ["5 mm", "5 mm"]
-position = ["92 mm", "0 mm", "0 mm"]
-
-[surfaces.bar]
-type = "tube"
-bodies = ["soft"]
-
-[surfaces.points]
-type = "spheres"
-bodies = ["soft"]
-
-[surfaces.pad]
-type = "spheres"
-bodies = ["stop"]
-at = [0.0]
-
-[contacts.press]
-first = "points"
-second = "pad"
-stiffness = "20 kN/m"
-
-[actuators.u]
-type = "pressure_line"
-body = "soft"
-range = ["-1 N", "3 N"]
-
-[sensors.force]
-type = "contact_force"
-surface = "pad"
-body = "stop"
-estimated = true
-
-[cameras.side]
-centre = ["40 mm", "0 mm"]
-pixel = "1 mm"
-"""
 
 
 @pytest.fixture

@@ -13,6 +13,7 @@ from exosight.app.console import progress, to_json
 from exosight.app.control_figures import trial_figures
 from exosight.control import (
     CONTROL_SHAPE,
+    GuardConfig,
     Measure,
     Sense,
     Trial,
@@ -63,7 +64,8 @@ def run_guarded_with_progress(
 
     Raises InputError or ConvergenceError as `exosight.control.tuning.tune`.
     """
-    guarded = guarded_of(name, tune(system, sensor, channel))
+    guard = GuardConfig(response_time=valve.response_time)
+    guarded = guarded_of(name, tune(system, sensor, channel), guard)
     targets = list({tuple(target): target for _, target in asked}.values())
     return _counted(run_guarded_trials(_plant(system, valve), guarded, sense, targets), len(targets))
 

@@ -186,7 +186,7 @@ def on_simulation(run: LiveRun, log: Log) -> None:
     """Look at the simulated system, and actuate it."""
     assert run.system is not None
     guarded = guarded_of(run.controller, run.config)
-    device = SimulatedDevice(SimulatedPlant(run.system), run.config)
+    device = SimulatedDevice(SimulatedPlant(run.system, run.config.period), run.config)
     with written(run, guarded, log) as done, _lets_go(run.config):
         log.missed_at_end = run_live(device, run.network, guarded, device, run.target, done)
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -12,13 +12,17 @@ from pydantic import TypeAdapter
 from exosight.app.console import progress, to_json
 from exosight.app.control_figures import stress_figure
 from exosight.app.nominal import camera_for
-from exosight.control import ControllerConfig, OnnxEstimator, Proportional, guarded_of
+from exosight.control import ControllerConfig, GuardConfig, OnnxEstimator, Proportional, guarded_of
+from exosight.control.guarded import GuardedName
 from exosight.control.stress import ControllerName, StressConfig
-from exosight.control.stress.episodes import draw_episode
+from exosight.control.stress.causes import Causes, find_causes, worst
+from exosight.control.stress.config import guard_of
+from exosight.control.stress.episodes import Episode, draw_episode
 from exosight.control.stress.frames import Look, camera_sensor, true_sensor
 from exosight.control.stress.measures import Measured, attained, measure_episode, summary
 from exosight.control.stress.oracle import run_oracle
 from exosight.control.stress.plants import StressPlants, stress_plants
+from exosight.control.stress.recorded import record_episodes
 from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
 from exosight.evaluation import Column, Table
 from exosight.evaluation.figures import to_bytes
@@ -32,10 +36,11 @@ ORACLE = "oracle"
 
 @dataclass(frozen=True)
 class Outcome:
-    """All episodes of one controller."""
+    """All episodes of one controller, and perhaps why some failed."""
 
     measured: tuple[Measured, ...]
     traces: Traces
+    causes: Causes | None = None
 
 
 def prepare(
@@ -65,31 +70,86 @@ def run_stress(
     gains: Sequence[float],
     plants: StressPlants,
     look: Look,
+    causes: int = 0,
 ) -> dict[str, Outcome]:
     """The named controllers and the paper's law with each gain, all on the same episodes.
+
+    causes   failures of each controller that are run again without one disturbance at a time
+              which needs the oracle among them
 
     Raises InputError for settings that are out of range.
     """
     drawn = [draw_episode(config, seed, number, plants) for number in range(episodes)]
-    outcomes = {}
+    guard = guard_of(config)
+    outcomes: dict[str, Outcome] = {}
     for name in (*controllers, *(f"K_P = {gain:g}" for gain in gains)):
-        with progress(name, "steps") as update:
-            if name == ORACLE:
-                traces = run_oracle(drawn, plants.limits, update)
-            else:
-                chosen = _controllers(name, plants.limits, gains, episodes)
-                traces = run_episodes(drawn, chosen, look, plants.limits, update)
-        measured = tuple(measure_episode(e, traces, i, plants.limits) for i, e in enumerate(drawn))
-        outcomes[name] = Outcome(measured, traces)
-    return outcomes
+        outcomes[name] = _run(name, drawn, gains, plants, look, guard)
+    if not causes:
+        return outcomes
+
+    def explained(name: str, outcome: Outcome) -> Outcome:
+        found = find_causes(
+            drawn,
+            outcome.measured,
+            outcomes[ORACLE].measured,
+            lambda others: _run(name, others, gains, plants, look, guard).measured,
+            plants.nominal,
+            causes,
+        )
+        return replace(outcome, causes=found)
+
+    return {name: own if name == ORACLE else explained(name, own) for name, own in outcomes.items()}
+
+
+def _run(
+    name: str,
+    drawn: Sequence[Episode],
+    gains: Sequence[float],
+    plants: StressPlants,
+    look: Look,
+    guard: GuardConfig,
+) -> Outcome:
+    """One controller on all of these episodes."""
+    with progress(name, "steps") as update:
+        if name == ORACLE:
+            traces = run_oracle(drawn, plants.limits, update)
+        else:
+            chosen = _controllers(name, plants.limits, gains, len(drawn), guard)
+            traces = run_episodes(drawn, chosen, look, plants.limits, update)
+    return Outcome(tuple(measure_episode(e, traces, i, plants.limits) for i, e in enumerate(drawn)), traces)
+
+
+def save_worst(
+    outcomes: Mapping[str, Outcome],
+    config: StressConfig,
+    seed: int,
+    plants: StressPlants,
+    look: Look,
+    model: Path,
+    folder: Path,
+    count: int,
+) -> None:
+    """Run the worst episodes of each controller with a guard once more, and write them as recordings."""
+    for name, outcome in outcomes.items():
+        if name in get_args(GuardedName):
+            numbers = worst(outcome.measured, count)
+            record_episodes(
+                [draw_episode(config, seed, number, plants) for number in numbers],
+                [folder / f"{name}_{number:04}.h5" for number in numbers],
+                cast(GuardedName, name),
+                look,
+                plants.limits,
+                model,
+                guard_of(config),
+            )
 
 
 def _controllers(
-    name: str, limits: ControllerConfig, gains: Sequence[float], count: int
+    name: str, limits: ControllerConfig, gains: Sequence[float], count: int, guard: GuardConfig
 ) -> Sequence[Controller]:
     """One of this name for each episode."""
     if name in ("guarded", "adaptive"):
-        return [guarded_of(name, limits) for _ in range(count)]
+        return [guarded_of(name, limits, guard) for _ in range(count)]
     (gain,) = (gain for gain in gains if name == f"K_P = {gain:g}")
     return [Unguarded(Proportional(gain, limits.driven), limits.weights) for _ in range(count)]
 
@@ -105,7 +165,17 @@ def results(outcomes: Mapping[str, Outcome], about: Mapping[str, Any]) -> dict[s
         bound = outcomes[ORACLE].measured
         for name, outcome in outcomes.items():
             found[name] |= attained(outcome.measured, bound)
+            if outcome.causes is not None:
+                found[name] |= {"causes": _plain(outcome.causes)}
     return {"about": dict(about), "controllers": found}
+
+
+def _plain(causes: Causes) -> dict[str, Any]:
+    counts = {
+        name: {"failed_with_it": having, "not_failed_without_it": without}
+        for name, (having, without) in causes.counts.items()
+    }
+    return {"episodes": list(causes.episodes), "disturbances": counts}
 
 
 def write_stress(outcomes: Mapping[str, Outcome], found: Mapping[str, Any], folder: Path) -> None:
@@ -153,6 +223,28 @@ def stress_table(found: Mapping[str, Any]) -> Table:
     return Table("stress", "Closed loop under stress", columns, rows, note)
 
 
+def cause_tables(found: Mapping[str, Any]) -> list[Table]:
+    """Why episodes failed, a row a disturbance, a column a controller; none where it was not asked for."""
+    causes = {name: each["causes"] for name, each in found["controllers"].items() if "causes" in each}
+    if not causes:
+        return []
+    columns = [Column("disturbance")]
+    for name, each in causes.items():
+        columns.append(Column(f"{name}: of {len(each['episodes'])} failures with it, not failing without it"))
+    disturbances = dict.fromkeys(d for each in causes.values() for d in each["disturbances"])
+    rows = tuple(
+        (
+            disturbance,
+            *(
+                f"{own['not_failed_without_it']} of {own['failed_with_it']}" if own else None
+                for own in (each["disturbances"].get(disturbance) for each in causes.values())
+            ),
+        )
+        for disturbance in disturbances
+    )
+    return [Table("causes", "Failures without one disturbance", tuple(columns), rows, "")]
+
+
 def about(
     config: StressConfig,
     episodes: int,
@@ -162,7 +254,7 @@ def about(
     plants: StressPlants,
 ) -> dict[str, Any]:
     """All that it takes to run it again."""
-    config = replace(config, targets=config.targets or plants.targets)
+    config = replace(config.complete(), targets=config.targets or plants.targets)
     driven, controlled = plants.limits.driven, plants.limits.controlled
     return {
         "system": plants.limits.schema.system,

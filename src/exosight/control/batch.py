@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
@@ -9,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from exosight.control.loop import RATE
 from exosight.errors import ConvergenceError, InputError
 from exosight.mechanics import JointTorque, Link, Robot, advance
 from exosight.mechanics.equilibrium import SolverOptions
@@ -66,8 +68,36 @@ class BatchState:
         return self.readings[:, self.schema.output_indices()]
 
 
+@runtime_checkable
+class Plants(Protocol):
+    """Several plants that are stepped side by side: `BatchPlant`, or what stands for it."""
+
+    schema: Schema
+
+    @property
+    def state(self) -> BatchState:
+        """All plants as they are now."""
+        ...
+
+    def step(
+        self,
+        commands: Float[np.ndarray, "plants channels"],
+        joints: Joints | None = None,
+        seconds: float = 1 / RATE,
+    ) -> BatchState:
+        """Change every plant's commands, and perhaps the users' joints, as `BatchPlant.step` does."""
+        ...
+
+    def pictures(
+        self, camera: Camera | None = None, which: Int[np.ndarray, " frames"] | None = None
+    ) -> UInt8[np.ndarray, "frames height width"]:
+        """What a camera sees of them."""
+        ...
+
+
 class BatchPlant:
-    """As many `SimulatedPlant`s as systems, in one compiled call a step; quasi-static like these.
+    """As many `SimulatedPlant`s as systems, in one compiled call a step; quasi-static like these, with rods
+    that relax and friction as the systems have them.
 
         plant = BatchPlant([designs.build(design) for design in designs.draw(8, seed=0)])
         state = plant.step(np.full((8, 1), 0.5))
@@ -100,7 +130,9 @@ class BatchPlant:
         self._links = [body for body in systems[0].bodies if isinstance(body, Link) and body.joint.dofs]
         count = len(systems)
         channels = len(self.schema.channels)
-        nothing = np.zeros((count, channels + self._coordinates))
+        self._timed = bool(systems[0].relaxations)
+        self._time = np.zeros(count)  # [s]
+        nothing = np.zeros((count, channels + self._timed + self._coordinates))
         start = unstrained(self._own, nothing.shape[1])
         self._at_rest, found = advance(self._own, start, nothing, options)
         if not found.converged.all():
@@ -124,7 +156,8 @@ class BatchPlant:
     def resting(self) -> Joints:
         """The joints as the systems have them."""
         springs = [self._own[link.name].joint.stiffness for link in self._links]
-        stiffness = np.concatenate([np.asarray(s, dtype=float) for s in springs], axis=1)
+        none = np.zeros((len(self), 0))
+        stiffness = np.concatenate([none, *(np.asarray(s, dtype=float) for s in springs)], axis=1)
         return Joints(stiffness, np.zeros_like(stiffness))
 
     @property
@@ -142,6 +175,7 @@ class BatchPlant:
             self._reached,
         )
         self._commands = np.where(column, 0.0, self._commands)
+        self._time = np.where(chosen, 0.0, self._time)
         self._hold(
             Joints(
                 np.where(column, own.stiffness, self._joints.stiffness),
@@ -151,7 +185,10 @@ class BatchPlant:
         return self._look(np.ones(len(self), bool))
 
     def step(
-        self, commands: Float[np.ndarray, "plants channels"], joints: Joints | None = None
+        self,
+        commands: Float[np.ndarray, "plants channels"],
+        joints: Joints | None = None,
+        seconds: float = 1 / RATE,
     ) -> BatchState:
         """Change every plant's commands [each in its channel's unit], and perhaps the users' joints.
 
@@ -160,20 +197,25 @@ class BatchPlant:
 
         commands  (plants, channels)
         joints    by default as they are
+        seconds   in which they change, evenly; matters where rods relax
 
-        Raises InputError for commands of another shape or beyond the channels' ranges, or joints that are no
-        springs.
+        Raises InputError for commands of another shape or beyond the channels' ranges, joints that are no
+        springs, or a time below 0.
         """
         if np.ndim(commands) != 2 or len(commands) != len(self):
             raise InputError(
                 f"commands: expected shape ({len(self)}, {len(self.schema.channels)}), a row a plant, got "
                 f"{np.shape(commands)}"
             )
+        if not 0 <= seconds < np.inf:
+            raise InputError(f"step: expected a finite time of at least 0 s, got {seconds}")
         asked = self.schema.check_commands(commands)
         if joints is not None:
             self._check(joints)
             self._hold(joints)
-        end = np.column_stack([asked * self._gain, self._joints.stiffness * self._joints.rest])
+        self._time = self._time + seconds
+        time = self._time[:, None][:, : self._timed]
+        end = np.column_stack([asked * self._gain, time, self._joints.stiffness * self._joints.rest])
         self._reached, found = advance(self._robots, self._reached, end, self._options)
         converged = np.asarray(found.converged)
         stopped = np.asarray(self._reached.loads)[:, : asked.shape[1]] / self._gain
@@ -226,8 +268,12 @@ class BatchPlant:
 
 
 def _movable(system: System) -> Robot:
-    """The robot with a torque at each joint coordinate: k times the place at which its spring is slack."""
-    robot, channel = system.robot, len(system.actuators)
+    """The robot with a torque at each joint coordinate: k times the place at which its spring is slack.
+
+    Its loads are those of the channels, the time [s] where rods relax, and the torques.
+    """
+    timed = bool(system.relaxations)
+    robot, channel = system.robot_in_time if timed else system.robot, len(system.actuators) + timed
     torques: list[JointTorque] = []
     for body in robot.bodies:
         if isinstance(body, Link):

@@ -16,6 +16,7 @@ from exosight.control.paths import ControllerConfig
 
 _LARGEST = 50.0  # [N or rad]: no estimate of a simulated sensor is beyond it
 _HISTORY = 64  # actuations remembered, for pictures that come late
+_ROUND_OFF = 1e-9  # of a number of periods
 
 OTHER_NETWORK = "choose another network, one that was trained for this system"
 """What helps where there is no estimate."""
@@ -47,6 +48,9 @@ class GuardConfig:
     max_command_error: Annotated[float, Field(gt=0)] = 0.025
     """difference of the plant's u from the one asked for, as a share of the channel's peak, from which on it
     does not follow [-]"""
+    response_time: Annotated[float, Field(ge=0, le=20)] = 0.0
+    """time in which the actuator follows (`Valve.response_time`) [s]: what the plant reports may lie between
+    the commands of that long before the frame"""
     overload: Annotated[float, Field(ge=1)] = 1.25
     """share of its limit above which an output is too large"""
     bad_frames: Count = 2
@@ -144,6 +148,17 @@ class FrameCheck:
         back = round(min(age / self._config.period, len(self._past) - 1))
         return self._past[-1 - back]
 
+    def _has_followed(self, reported: float, age: float) -> bool:
+        """Whether a reported command is near one that the actuator may have been at on its way.
+
+        A dead time and a lag lead to means of the commands before, so never beyond all of them.
+        """
+        slack = self._guard.max_command_error * self._config.driven.peak
+        last = len(self._past) - round(min(age / self._config.period, len(self._past) - 1))
+        steps = math.ceil(self._guard.response_time / self._config.period - _ROUND_OFF)
+        possible = [self._past[i] for i in range(max(last - 1 - steps, 0), last)]
+        return min(possible) - slack <= reported <= max(possible) + slack
+
     def fault(self, measurement: Measurement) -> Problem | None:
         """Why this frame is bad; None if it is not."""
         guard, image, reading = self._guard, measurement.image, measurement.reading
@@ -157,16 +172,17 @@ class FrameCheck:
             return Problem(f"a stale frame, {age:.2f} s old", remedy)
         if int(image.max()) - int(image.min()) < guard.min_contrast:
             return Problem("a black or blank frame", "uncover the lens, light the scene, check the exposure")
-        driven, then = self._config.driven, self._command_at(age)
-        if self._is_frozen(image, then):
-            remedy = "restart the camera, and check that the actuator moves the system"
-            return Problem("a frozen frame, identical to the last", remedy)
         channels = len(self._config.schema.channels)
         if measurement.commands is not None and not _is_array(measurement.commands, "fiu", (channels,)):
             remedy = "let the plant report one number a channel, or none"
             return Problem("the plant reports no commands of its channels", remedy)
-        reported = self._reported(measurement)
-        if reported is not None and not abs(reported - then) <= guard.max_command_error * driven.peak:
+        reported, driven = self._reported(measurement), self._config.driven
+        # What has not arrived moves nothing: before it does, equal pictures are not frozen ones.
+        arrived = math.nan if reported is None else reported
+        if self._is_frozen(image, arrived if math.isfinite(arrived) else self._command_at(age)):
+            remedy = "restart the camera, and check that the actuator moves the system"
+            return Problem("a frozen frame, identical to the last", remedy)
+        if reported is not None and not self._has_followed(reported, age):
             at = f"{driven.name} = {reported:.2f} {driven.unit}"
             remedy = "check the actuator's supply and connection"
             return Problem(f"the plant reports {at}, not the command that was sent", remedy)

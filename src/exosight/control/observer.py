@@ -26,6 +26,7 @@ from exosight.control.scheduled import RELEASED
 _ITERATIONS = 3
 _LONGEST = 200  # steps; what is older says nothing of the present
 _FARTHEST = 0.7  # of log s: half or twice as stiff
+_MEDIAN = 0.455  # of the square of a normal variable, as a share of its variance
 Share = Annotated[float, Field(gt=0, le=1)]
 Positive = Annotated[float, Field(gt=0)]
 
@@ -145,37 +146,56 @@ class Observer:
             self._outliers.clear()
             return True  # nothing presses, and nothing is learned from that
         noise = deviation**2 + (given.noise * self._largest) ** 2 + self._scatter(u, outputs)
-        _, gradient = self._model(self._x, u, touching=True)
-        innovation = measured - force
-        spread = math.sqrt(float(gradient @ self._p @ gradient) + noise)
-        if abs(innovation) > given.gate * spread:
+        x = self._fitted(u, measured, noise)
+        if self._misfit(x, u, measured, noise) > given.gate:
+            _, gradient = self._model(self._x, u, touching=True)
+            spread = math.sqrt(float(gradient @ self._p @ gradient) + noise)
             self._outliers.append(measured)
             agree = len(self._outliers) == given.agreeing and np.ptp(self._outliers) < given.gate * spread
             if not agree:
                 return False
             # The plant is another than it was: as unknown as at first.
             self._p += np.diag(np.square([0.0, given.shift * self._peak, given.speed * self._peak]))
+            x = self._fitted(u, measured, noise)
         self._outliers.clear()
-        x = self._x
-        for _ in range(_ITERATIONS):  # as the path bends
-            force, gradient = self._model(x, u, touching=True)
-            gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
-            x = self._x + gain * (measured - force - gradient @ (self._x - x))
-            x = np.clip(x, *self._range)
         _, gradient = self._model(x, u, touching=True)
         gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
         keep = np.eye(3) - np.outer(gain, gradient)
         self._x, self._p = x, keep @ self._p @ keep.T + noise * np.outer(gain, gain)
         return True
 
+    def _fitted(self, u: float, measured: float, noise: float) -> np.ndarray:
+        """The state of least squares between what was known and what is measured, of a path that bends."""
+        x = self._x
+        for _ in range(_ITERATIONS):
+            force, gradient = self._model(x, u, touching=True)
+            gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
+            x = self._x + gain * (measured - force - gradient @ (self._x - x))
+            x = np.clip(x, *self._range)
+        return x
+
+    def _misfit(self, x: np.ndarray, u: float, measured: float, noise: float) -> float:
+        """Standard deviations between what was known and what is measured, by way of this state.
+
+        On a straight path that is the innovation over its deviation. On one that bends that would take a
+        force that asks for an implausible state for a plausible one.
+        """
+        change, rest = x - self._x, measured - self._model(x, u, touching=True)[0]
+        return math.sqrt(max(float(change @ np.linalg.solve(self._p, change)), 0.0) + rest**2 / noise)
+
     def _scatter(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
-        """Variance of the controlled sensor by what is measured where nothing can press."""
+        """Variance of the controlled sensor by what is measured where nothing can press.
+
+        By the median, as noise is on every output, and a contact that the model has elsewhere on few: taken
+        for noise it would keep a wrong state as it is.
+        """
         w = (u - self._x[1]) / math.exp(self._x[0])
         near = np.abs(self._u - w) <= 0.12 * self._peak
         free = (self._outputs[near] <= 0).all(axis=0) & (self._config.weights != 0)
         if not near.any() or not free.any():
             return 0.0
-        return float(np.count_nonzero(self._config.weights) * np.mean(np.square(outputs[free])))
+        middle = float(np.quantile(np.square(outputs[free]), 0.5, method="lower"))
+        return float(np.count_nonzero(self._config.weights) * middle / _MEDIAN)
 
     def _ahead(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """State and covariance so many steps later."""

@@ -23,7 +23,7 @@ class Observation:
     converged       False: no stable pose was found on the way to the commands that were asked for, and this
                     is the last one before
     min_eigenvalue  how stable the pose is [-]: 1 for the unloaded plant, 0 where it snaps
-    history         of a simulated plant with friction, see `exosight.mechanics.Equilibria`
+    history         of a simulated plant with friction or rods that relax, see `exosight.mechanics.Equilibria`
     """
 
     schema: Schema

@@ -8,12 +8,14 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from exosight.control.loop import RATE
 from exosight.control.plant import Observation
 from exosight.errors import ConvergenceError
 from exosight.mechanics import Robot, State, advance, stack
 from exosight.mechanics.term import Memories
 from exosight.system.observation import observe
 from exosight.system.schema import Schema
+from exosight.system.simulation import timed_loads
 from exosight.system.system import System, stack_systems
 from exosight.vision.scene import picture
 
@@ -29,12 +31,14 @@ class SimulatedPlant:
         plant.apply(np.array([1.2])).reading("F_net")
 
     system  what is simulated; its first camera looks at it
+    period  in which commands change, evenly, from one to the next [s]; matters where rods relax
     """
 
     system: System
+    period: float = 1 / RATE
     schema: Schema = field(init=False)
     _stacked: System = field(init=False, repr=False)
-    _walk: "Callable[[_Point, tuple[float, ...]], tuple[_Point, bool]]" = field(init=False, repr=False)
+    _walk: "Callable[[_Point, tuple[float, ...], float], tuple[_Point, bool]]" = field(init=False, repr=False)
     _now: "_Point | None" = field(init=False, repr=False, default=None)
     _converged: bool = field(init=False, repr=False, default=True)
 
@@ -42,7 +46,8 @@ class SimulatedPlant:
         self.schema = self.system.schema
         self._stacked = jax.device_put(stack_systems([self.system]))  # once, and not with every look
         # A loop that swings between two commands walks the same two ways for ever: they are remembered.
-        self._walk = lru_cache(maxsize=8)(partial(_walk, self.system, stack([self.system.robot])))
+        self._robot = self.system.robot_in_time if self.system.relaxations else self.system.robot
+        self._walk = lru_cache(maxsize=8)(partial(_walk, self.system, stack([self._robot])))
 
     def reset(self) -> Observation:
         """Return to commands of 0 from the unstrained pose, forgetting the path so far.
@@ -50,8 +55,8 @@ class SimulatedPlant:
         Raises ConvergenceError if the unloaded system has no stable pose.
         """
         nothing = (0.0,) * len(self.schema.channels)
-        unstrained = _Point(nothing, (0.0,) * self._dofs, 1.0, _plain(self.system.robot.memories))
-        rest, converged = self._walk(unstrained, nothing)
+        unstrained = _Point(nothing, (0.0,) * self._dofs, 1.0, _plain(self._robot.memories))
+        rest, converged = self._walk(unstrained, nothing, 0.0)
         if not converged:
             raise ConvergenceError(
                 f"the unloaded system {self.schema.system} has no stable pose; check its bodies and contacts"
@@ -73,7 +78,9 @@ class SimulatedPlant:
     def move(self, commands: Float[np.ndarray, " channels"]) -> None:
         """Change the commands without looking: `apply` is this and `look`."""
         wanted = self.schema.check_commands(commands)
-        self._now, self._converged = self._walk(self._present(), tuple(wanted.tolist()))
+        now = self._present()
+        time = now.time + self.period if self.system.relaxations else 0.0
+        self._now, self._converged = self._walk(now, tuple(wanted.tolist()), time)
 
     def look(self) -> Observation:
         """The pose as it is now."""
@@ -112,18 +119,26 @@ class _Point:
     q: tuple[float, ...]
     min_eigenvalue: float
     history: tuple = ()
+    time: float = 0.0
 
 
-def _walk(system: System, stacked: Robot, start: _Point, commands: tuple[float, ...]) -> tuple[_Point, bool]:
+def _walk(
+    system: System, stacked: Robot, start: _Point, commands: tuple[float, ...], time: float
+) -> tuple[_Point, bool]:
     """The last equilibrium on the way from `start` to the commands, and whether that is the one at these."""
-    loads = [system.loads(np.array([each])) for each in (start.commands, commands)]
+    loads = [
+        timed_loads(system, np.array([each]), np.array([then]) if system.relaxations else None)
+        for each, then in ((start.commands, start.time), (commands, time))
+    ]
     memories = tuple(np.array(memory)[None] for memory in start.history)
     state, found = advance(stacked, State(np.array([start.q]), loads[0], memories), loads[1])
     converged = bool(found.converged[0])
-    reached = commands if converged else tuple(system.commands(np.asarray(state.loads)[0]).tolist())
+    stopped = np.asarray(state.loads)[0]
+    reached = commands if converged else tuple(system.commands(stopped[: len(commands)]).tolist())
     q = tuple(np.asarray(state.q)[0].tolist())
     history = _plain(tuple(memory[0] for memory in state.history))
-    return _Point(reached, q, float(found.min_eigenvalue[0]), history), converged
+    at = float(stopped[-1]) if system.relaxations else 0.0
+    return _Point(reached, q, float(found.min_eigenvalue[0]), history, at), converged
 
 
 def _plain(memories: Memories) -> tuple:

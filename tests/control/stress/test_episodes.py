@@ -4,10 +4,14 @@ import jax
 import numpy as np
 import pytest
 
+from exosight.control import CONTROL_SHAPE
 from exosight.control.stress import KINDS, StressConfig
 from exosight.control.stress.episodes import draw_episode
-from exosight.control.stress.plants import PUBLISHED_TARGETS, StressPlants
+from exosight.control.stress.plants import PUBLISHED_TARGETS, Creep, StressPlants, with_friction_and_creep
+from exosight.control.valve import AT_ONCE
 from exosight.errors import InputError
+from exosight.exosuit.assembly import Exosuit
+from exosight.exosuit.index import index
 from exosight.vision import Camera
 
 CALM = StressConfig(
@@ -93,3 +97,40 @@ def test_bad_settings_are_refused(plants: StressPlants):
         StressConfig(dropped=(0.0, 1.5))
     with pytest.raises(InputError, match="whole numbers"):
         draw_episode(StressConfig(), -1, 0, plants)
+
+
+def test_the_second_suite_is_the_first_with_friction_creep_and_valves(plants: StressPlants):
+    first, second = StressConfig(), StressConfig(suite=2)
+    given = second.complete()
+    for number in range(20):
+        one, other = (draw_episode(config, 0, number, plants) for config in (first, second))
+        assert same(one, other)
+        assert (one.friction, one.creep, one.valve) == (None, None, AT_ONCE)
+        assert other.friction is not None
+        assert other.creep is not None
+        for value, limits in (
+            (other.friction, (0.0, 0.6)),
+            (other.creep.share, (0.05, 0.2)),
+            (other.creep.time, given.creep_time),
+            (other.valve.lag, (0.0, 0.3)),
+            (other.valve.dead_time, (0.0, 0.2)),
+        ):
+            assert limits[0] <= value <= limits[1]
+
+
+def test_what_is_given_takes_the_place_of_a_suites_range():
+    found = StressConfig(suite=2, friction=(0.1, 0.2)).complete()
+    assert (found.friction, found.lag) == ((0.1, 0.2), (0.0, 0.3))
+    assert found.complete() == found
+    assert StressConfig().complete().creep == (0.0, 0.0)
+
+
+def test_friction_and_creep_are_put_into_contacts_of_two_bodies_and_all_rods(plants: StressPlants):
+    system = index(Exosuit(CONTROL_SHAPE))
+    worn = with_friction_and_creep(system, 0.4, Creep(0.1, 2.0))
+    press, fold = worn.contacts
+    assert (float(press.friction), fold.friction) == (0.4, None)
+    (mode,) = worn.relaxations
+    assert (mode.rod, float(mode.share[0]), float(mode.time[0])) == ("exosuit", 0.1, 2.0)
+    assert worn.schema == system.schema
+    assert with_friction_and_creep(system, None, None) is system

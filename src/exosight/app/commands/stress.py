@@ -8,6 +8,7 @@ from pydantic import Field
 from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath, Seed
 from exosight.app.console import check_json_target, results_folder, show_or_write
 from exosight.control.stress import ControllerName, StressConfig
+from exosight.errors import InputError
 
 DEFAULT = StressConfig()
 
@@ -23,6 +24,8 @@ def stress(
     gains: Gains = None,
     loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = NOMINAL_LOOP,
     model: MaybePath = None,
+    causes: Annotated[int, Field(ge=0, le=1000)] = 0,
+    save_worst: Annotated[int, Field(ge=0, le=1000)] = 0,
     out: MaybePath = None,
     json: Json = None,
 ) -> None:
@@ -35,6 +38,7 @@ def stress(
     Examples:
       exosight stress --episodes 100
       exosight stress --system index --controllers oracle adaptive --gains
+      exosight stress --suite 2 --system index --controllers oracle adaptive --gains --causes 40
       exosight stress --model results/light/model.onnx --out results/stress
       exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --no-wrong-plant
 
@@ -51,21 +55,31 @@ def stress(
         model: exported network, from `exosight train`, 'shipped', the package's own for the system, or
             'index-control', its own for closed loops;
             without it the sensor is the true reading
+        causes: failed episodes of each controller that are run again, once for each disturbance without it;
+            needs the oracle
+        save_worst: episodes of the guarded and the adaptive controller, the worst first, that are written
+            to --out as recordings for exosight replay; needs a model
         out: folder for summary (JSON), every episode (CSV) and figure (SVG); it must not exist
         json: write the summary as JSON to a new file, or to stdout with "-", instead of a table
     """
     check_json_target(json)
+    if causes and "oracle" not in controllers:
+        raise InputError("causes: expected the oracle among the controllers, which tells what is attainable")
+    if save_worst and (model is None or out is None):
+        raise InputError("save-worst: expected --model, as recordings hold pictures, and a folder --out")
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
-    from exosight.app.stress import about, prepare, results, run_stress, stress_table, write_stress
+    from exosight.app import stress as run
     from exosight.control.estimator import model_path
     from exosight.exosuit.catalogue import find_system
 
     model = None if model is None else model_path(model, loop.system)
-    plants, look = prepare(find_system(loop.system), model, loop.sensor, loop.channel)
+    plants, look = run.prepare(find_system(loop.system), model, loop.sensor, loop.channel)
     gains = (plants.gain,) if gains is None else gains
     with results_folder(out) as folder:
-        outcomes = run_stress(config, episodes, seed, controllers, gains, plants, look)
-        found = results(outcomes, about(config, episodes, seed, gains, model, plants))
+        outcomes = run.run_stress(config, episodes, seed, controllers, gains, plants, look, causes)
+        found = run.results(outcomes, run.about(config, episodes, seed, gains, model, plants))
         if folder is not None:
-            write_stress(outcomes, found, folder)
-    show_or_write([stress_table(found)], found, json)
+            run.write_stress(outcomes, found, folder)
+        if folder is not None and model is not None and save_worst:
+            run.save_worst(outcomes, config, seed, plants, look, model, folder, save_worst)
+    show_or_write([run.stress_table(found), *run.cause_tables(found)], found, json)

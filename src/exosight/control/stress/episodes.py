@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from exosight.control.loop import RATE
 from exosight.control.stress.config import KINDS, Kind, StressConfig
-from exosight.control.stress.plants import Limits, StressPlants
+from exosight.control.stress.plants import Creep, Limits, StressPlants
 from exosight.control.valve import Valve
 from exosight.errors import InputError
 from exosight.mechanics import Link
@@ -37,7 +37,7 @@ class Episode:
     """All that happens in an episode, a row a step of 0.1 s.
 
     kind       of target
-    system     the one that is driven
+    system     the one that is driven, but for friction and creep
     camera     the one that looks at it
     target     (steps,)                [the sensor's unit], 0 from `drop` on
     drop       step at which the target drops to 0
@@ -48,6 +48,8 @@ class Episode:
     stiffness  (steps, coordinates)    of the links' joints [N m/rad]
     rest       (steps, coordinates)    angles at which their springs are slack [rad]
     valve      how late the actuators answer
+    friction   coefficient of the contacts of two bodies [-]; None: as the system has it
+    creep      of its rods; None: as the system has it
     """
 
     kind: Kind
@@ -62,6 +64,8 @@ class Episode:
     stiffness: Float[np.ndarray, "steps coordinates"]
     rest: Float[np.ndarray, "steps coordinates"]
     valve: Valve
+    friction: float | None
+    creep: Creep | None
 
     @property
     def moves(self) -> bool:
@@ -89,7 +93,8 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
     kind = KINDS[number % len(KINDS)]
     camera = plants.nominal.camera
     system = plants.other(seed, number) if config.wrong_plant else plants.nominal
-    springs, share = _joints(system)
+    springs, share = joint_springs(system)
+    friction, creep = _material(config, seed, number)
     x, z, scale = rng.uniform(-1, 1, 3).tolist()
     if config.wrong_camera and number % 3 == 0:
         camera = replace(
@@ -119,13 +124,27 @@ def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPla
         stiffness=stiffness,
         rest=rest,
         valve=_valve(config, seed, number),
+        friction=friction,
+        creep=creep,
     )
 
 
 def _valve(config: StressConfig, seed: int, number: int) -> Valve:
     """From a generator of its own, so that valves change nothing else of an episode."""
     rng = np.random.default_rng([seed, number, 1])
-    return Valve(rng.uniform(*config.lag), rng.uniform(*config.dead_time))
+    found = config.beyond_first
+    return Valve(rng.uniform(*found.lag), rng.uniform(*found.dead_time))
+
+
+def _material(config: StressConfig, seed: int, number: int) -> tuple[float | None, Creep | None]:
+    """Friction and creep, likewise; None where no episode has any."""
+    rng = np.random.default_rng([seed, number, 2])
+    found, (low, high) = config.beyond_first, config.creep_time
+    friction, share, place = rng.uniform(*found.friction), rng.uniform(*found.creep), rng.random()
+    return (
+        friction if found.friction[1] else None,
+        Creep(share, low * (high / low) ** place) if found.creep[1] else None,
+    )
 
 
 def _target(
@@ -161,7 +180,7 @@ def _burst(rng: np.random.Generator, steps: int) -> Burst:
     )
 
 
-def _joints(
+def joint_springs(
     system: System,
 ) -> tuple[Float[np.ndarray, " coordinates"], Float[np.ndarray, " coordinates"]]:
     """Stiffness of the links' joint coordinates, and the share of the user's motion that each of them takes.

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from jaxtyping import UInt8
 
-from exosight.control.batch import BatchPlant
+from exosight.control.batch import Plants
 from exosight.control.estimator import OnnxEstimator, Reader, Reading, takes_commands
 from exosight.control.guard import Measurement
 from exosight.control.loop import RATE
@@ -16,7 +16,7 @@ from exosight.vision.corruptions import add_noise
 from exosight.vision.occlusion import HELD_OUT_OCCLUSIONS, OCCLUSIONS, occluder, overlay
 
 Images = UInt8[np.ndarray, "episodes height width"]
-Look = Callable[[BatchPlant, Sequence[Episode], int], tuple[Images, Reading]]
+Look = Callable[[Plants, Sequence[Episode], int], tuple[Images, Reading]]
 """Pictures of all plants at this step, a row an episode, and what is read off them."""
 
 
@@ -26,7 +26,7 @@ def camera_sensor(estimator: Reader) -> Look:
     A network that takes commands gets those of the pictures.
     """
 
-    def sense(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
+    def sense(plant: Plants, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
         images = np.concatenate(
             [plant.pictures(episode.camera, np.array([i])) for i, episode in enumerate(episodes)]
         )
@@ -42,7 +42,7 @@ def camera_sensor(estimator: Reader) -> Look:
     return sense
 
 
-def true_sensor(plant: BatchPlant, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
+def true_sensor(plant: Plants, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
     """The true readings, without a network: noise scatters each output by up to 0.03 of its unit, and
     whatever hides a picture is always noticed.
 
@@ -74,7 +74,7 @@ class FrameDelivery:
         )
         self._last: list[tuple[np.ndarray, Reading] | None] = [None] * len(episodes)
 
-    def measurements(self, plant: BatchPlant, step: int) -> list[Measurement]:
+    def measurements(self, plant: Plants, step: int) -> list[Measurement]:
         """Look at the plants, and hand out what reaches the controllers in this step, one an episode.
 
         Before the first step every plant has stood at rest, and was looked at, for long.

@@ -57,6 +57,14 @@ class Measured:
     """joints stiffen, soften and flex"""
     camera_displaced: bool
     """the camera is not where it was at first"""
+    lag: float
+    """of the actuators [s]"""
+    dead_time: float
+    """of the actuators [s]"""
+    friction: float
+    """coefficient between the bodies [-]"""
+    creep: float
+    """share of the rods' instantaneous modulus that relaxes [-]"""
 
 
 def measure_episode(episode: Episode, traces: Traces, number: int, limits: ControllerConfig) -> Measured:
@@ -95,6 +103,10 @@ def measure_episode(episode: Episode, traces: Traces, number: int, limits: Contr
         latency=episode.latency / RATE,
         user_moves=episode.moves,
         camera_displaced=episode.displaced,
+        lag=episode.valve.lag,
+        dead_time=episode.valve.dead_time,
+        friction=episode.friction or 0.0,
+        creep=episode.creep.share if episode.creep else 0.0,
     )
 
 
@@ -160,6 +172,12 @@ _DISTURBANCES: dict[str, Callable[[Measured], bool]] = {
     "user at rest, camera displaced": lambda m: not m.user_moves and m.camera_displaced,
     "user moves, frames up to 0.1 s late": lambda m: m.user_moves and m.latency < _LATE,
     "user moves, frames 0.2 s late or more": lambda m: m.user_moves and m.latency >= _LATE,
+    "friction up to 0.3": lambda m: 0 < m.friction <= 0.3,
+    "friction above 0.3": lambda m: m.friction > 0.3,
+    "creep up to 12.5 %": lambda m: 0 < m.creep <= 0.125,
+    "creep above 12.5 %": lambda m: m.creep > 0.125,
+    "lag and dead time up to 0.25 s together": lambda m: 0 < m.lag + m.dead_time <= 0.25,
+    "lag and dead time above 0.25 s together": lambda m: m.lag + m.dead_time > 0.25,
 }
 _LATE = 0.15  # [s]
 

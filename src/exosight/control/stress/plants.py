@@ -1,9 +1,10 @@
 """The systems of a stress run: the one that controllers are tuned for, and those that come instead."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
+from exosight.arrays import floats
 from exosight.control.paths import ControllerConfig
 from exosight.control.trials import CONTROL_SHAPE, STEADY_STATE_GAIN
 from exosight.control.tuning import tune
@@ -11,6 +12,9 @@ from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit, varied
 from exosight.exosuit.published import Preset, PublishedDesigns
 from exosight.exosuit.variation import PlantVariation, draw_variant
+from exosight.mechanics import Rod
+from exosight.mechanics.relaxation import relaxation
+from exosight.mechanics.tree import Tree
 from exosight.system.camera import Camera
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet, FileDesigns
@@ -114,3 +118,37 @@ def _targets(limits: ControllerConfig) -> tuple[Limits, Limits]:
         return targets, targets
     before, after = max(jumps, key=lambda jump: abs(jump[1] - jump[0]))
     return targets, (_AROUND_SNAP[0] * before, _AROUND_SNAP[1] * max(before, after))
+
+
+@dataclass(frozen=True)
+class Creep:
+    """Of rods whose stress relaxes: a standard linear solid.
+
+    share   of the instantaneous modulus that relaxes [-]; what is left is the modulus of the system
+    time    in which it relaxes [s]
+    """
+
+    share: float
+    time: float
+
+
+def with_friction_and_creep(system: System, friction: float | None, creep: Creep | None) -> System:
+    """The system with Coulomb friction in all contacts of two bodies, and rods that relax; with None it stays
+    as it is there.
+
+    friction   coefficient [-]
+
+    Raises InputError for a share that is not above 0.
+    """
+    if friction is not None:
+        contacts = tuple(
+            contact if contact.first == contact.second else replace(contact, friction=floats(friction))
+            for contact in system.contacts
+        )
+        system = replace(system, contacts=contacts)
+    if creep is not None:
+        tree, clock = Tree(system.bodies), len(system.actuators)
+        rods = (body.name for body in system.bodies if isinstance(body, Rod))
+        relaxing = tuple(relaxation(rod, [creep.share], [creep.time], clock, tree) for rod in rods)
+        system = replace(system, relaxations=relaxing)
+    return system

@@ -7,12 +7,14 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Bool, Float
 
-from exosight.control.batch import BatchPlant, Joints
+from exosight.control.batch import BatchPlant, Joints, Plants
 from exosight.control.guard import Measurement, Transition
 from exosight.control.laws import Law
+from exosight.control.loop import RATE
 from exosight.control.paths import ControllerConfig
 from exosight.control.stress.episodes import Episode
 from exosight.control.stress.frames import FrameDelivery, Look
+from exosight.control.stress.plants import with_friction_and_creep
 from exosight.control.valve import Valve, Valves
 from exosight.errors import InputError
 
@@ -30,6 +32,15 @@ class Controller(Protocol):
     def step(self, target: float, measurement: Measurement) -> float:
         """The command of the coming step [the driven channel's unit]."""
         ...
+
+
+Solve = Callable[[Sequence[Episode]], Plants]
+"""The plants of episodes, at rest."""
+
+
+def solved(episodes: Sequence[Episode]) -> BatchPlant:
+    """Every episode's system with its friction and creep, as mechanics solves it."""
+    return BatchPlant([with_friction_and_creep(e.system, e.friction, e.creep) for e in episodes])
 
 
 class Unguarded:
@@ -80,16 +91,18 @@ def run_episodes(
     look: Look,
     config: ControllerConfig,
     done: Callable[[int, int], None] = lambda step, steps: None,
+    solve: Solve = solved,
 ) -> Traces:
     """Every episode with its own controller, all from rest.
 
     look     `camera_sensor(estimator)`, or `true_sensor` for true readings
     config   which sensor is controlled and which channel is driven; the others rest at 0
     done     called with (steps done, steps in all)
+    solve    how plants are simulated
 
     Raises InputError for no episodes, episodes of several lengths, or another number of controllers.
     """
-    run = EpisodeRun(episodes, config)
+    run = EpisodeRun(episodes, config, solve=solve)
     if len(controllers) != len(episodes):
         raise InputError(
             f"episodes: expected each with a controller, got {len(episodes)} and {len(controllers)} "
@@ -119,12 +132,17 @@ class EpisodeRun:
 
     config   which sensor is controlled and which channel is driven; the others rest at 0
     valves   how late the plants' actuators answer; by default as the episodes have it
+    solve    how plants are simulated
 
     Raises InputError for no episodes, or episodes of several lengths.
     """
 
     def __init__(
-        self, episodes: Sequence[Episode], config: ControllerConfig, valves: Sequence[Valve] | None = None
+        self,
+        episodes: Sequence[Episode],
+        config: ControllerConfig,
+        valves: Sequence[Valve] | None = None,
+        solve: Solve = solved,
     ) -> None:
         lengths = {len(episode.target) for episode in episodes}
         if len(lengths) != 1:
@@ -132,7 +150,7 @@ class EpisodeRun:
                 f"episodes: expected one or more of one length, got {len(episodes)} of {len(lengths)} lengths"
             )
         (self.steps,) = lengths
-        self.plant, self._config = BatchPlant([episode.system for episode in episodes]), config
+        self.plant, self._config = solve(episodes), config
         self._valves = Valves(
             [episode.valve for episode in episodes] if valves is None else valves,
             len(self.plant.schema.channels),
@@ -141,11 +159,16 @@ class EpisodeRun:
         self._stiffness = np.stack([episode.stiffness for episode in episodes])
         self._rest = np.stack([episode.rest for episode in episodes])
         self._command, self._states = [np.zeros(len(episodes))], [self.plant.state]
+        self._step = 0
 
     def apply(self, step: int, u: Float[np.ndarray, " episodes"]) -> Float[np.ndarray, "episodes outputs"]:
-        """Give every plant its command, with the users as they are in this step; what is read then."""
+        """Give every plant its command, with the users as they are in this step; what is read then.
+
+        A step takes its time once, however often a command is tried out in it.
+        """
         joints = Joints(self._stiffness[:, step], self._rest[:, step])
-        return self.plant.step(self._valves.step(self._config.commands(u)), joints).outputs
+        seconds, self._step = (step - self._step) / RATE, step
+        return self.plant.step(self._valves.step(self._config.commands(u)), joints, seconds).outputs
 
     def keep(self, u: Float[np.ndarray, " episodes"]) -> None:
         """Take the plants as they are now as those of the step."""
