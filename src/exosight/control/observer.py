@@ -104,7 +104,7 @@ class Observer:
 
     def predict(self, u: float, ahead: int = 0) -> Prediction:
         """The plant under u, so many steps after the last frame."""
-        x, p = self._ahead(ahead)
+        x, p = self.ahead(ahead)
         force, gradient = self._model(x, u)
         deviation = math.sqrt(max(float(gradient @ p @ gradient), 0.0))
         w = (u - x[1]) / math.exp(x[0])
@@ -113,7 +113,7 @@ class Observer:
 
     def command(self, target: float, ahead: int = 0) -> float:
         """u at which the controlled sensor reads the target so many steps after the last frame."""
-        x, _ = self._ahead(ahead)
+        x, _ = self.ahead(ahead)
         s = math.exp(x[0])
         wanted = target / s
         w = float(np.interp(wanted, self._force, self._u))
@@ -123,7 +123,7 @@ class Observer:
 
     def largest(self, ahead: int = 0) -> float:
         """The largest u at which every estimated sensor is within its limit, on the path as it is now."""
-        x, _ = self._ahead(ahead)
+        x, _ = self.ahead(ahead)
         s = math.exp(x[0])
         over = (s * self._outputs > self._config.output_limits).any(axis=1)
         w = self._u[max(int(np.argmax(over)) - 1, 0)] if over.any() else math.inf
@@ -131,7 +131,7 @@ class Observer:
 
     def advance(self, steps: int) -> None:
         """Move the state on to a later frame."""
-        self._x, self._p = self._ahead(steps)
+        self._x, self._p = self.ahead(steps)
 
     def update(self, u: float, outputs: Float[np.ndarray, " outputs"], deviation: float) -> bool:
         """Take in what was measured under u at the time of the state; returns False for an outlier.
@@ -144,7 +144,7 @@ class Observer:
         if max(force, measured) < RELEASED:
             self._outliers.clear()
             return True  # nothing presses, and nothing is learned from that
-        noise = deviation**2 + (given.noise * self._largest) ** 2 + self._scatter(u, outputs)
+        noise = deviation**2 + (given.noise * self._largest) ** 2 + self.scatter(u, outputs)
         _, gradient = self._model(self._x, u, touching=True)
         innovation = measured - force
         spread = math.sqrt(float(gradient @ self._p @ gradient) + noise)
@@ -168,8 +168,8 @@ class Observer:
         self._x, self._p = x, keep @ self._p @ keep.T + noise * np.outer(gain, gain)
         return True
 
-    def _scatter(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
-        """Variance of the controlled sensor by what is measured where nothing can press."""
+    def scatter(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
+        """Variance of the controlled sensor by what is measured under u where nothing can press."""
         w = (u - self._x[1]) / math.exp(self._x[0])
         near = np.abs(self._u - w) <= 0.12 * self._peak
         free = (self._outputs[near] <= 0).all(axis=0) & (self._config.weights != 0)
@@ -177,8 +177,8 @@ class Observer:
             return 0.0
         return float(np.count_nonzero(self._config.weights) * np.mean(np.square(outputs[free])))
 
-    def _ahead(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """State and covariance so many steps later."""
+    def ahead(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """(log s, d, ḋ) so many steps after the last frame, and their covariance (3, 3)."""
         given, period = self._given, self._config.period
         keep = math.exp(-period / given.motion_time)
         move = np.array([[1, 0, 0], [0, 1, period], [0, 0, keep]])
@@ -188,6 +188,17 @@ class Observer:
         for _ in range(min(steps, _LONGEST)):
             x, p = move @ x, move @ p @ move.T + stir
         return x, p
+
+    def sensitivity(self, target: float, ahead: int) -> float:
+        """∂F/∂u where the controlled sensor reads the target, so many steps after the last frame."""
+        x, _ = self.ahead(ahead)
+        return self._slope((self.command(target, ahead) - x[1]) / math.exp(x[0]))
+
+    def shift_of(self, u: float, reading: float, ahead: int) -> float:
+        """d by one reading of the controlled sensor under u alone, with s as it is known now."""
+        x, _ = self.ahead(ahead)
+        s = math.exp(x[0])
+        return u - s * float(np.interp(reading / s, self._force, self._u))
 
     def _slope(self, w: float) -> float:
         """∂F₀/∂w, over a fortieth of the peak to both sides."""
