@@ -8,6 +8,7 @@ correction only while its authority is NORMAL or SLOW, and amplitude, rate and t
 the sum.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -141,7 +142,8 @@ class Learned(Adaptive):
         self._past.append(_Frame(made, u, self.config.sum(outputs), noise, self.problem is not None))
 
     def _aim(self, target: float, ahead: int) -> float:
-        share = max(-1.0, min(1.0, float(self._policy(self.inputs(target)))))
+        share = float(self._policy(self.inputs(target)))
+        share = max(-1.0, min(1.0, share)) if math.isfinite(share) else 0.0
         return super()._aim(target, ahead) + share * self._largest_correction
 
 
