@@ -23,6 +23,8 @@ from exosight.control.scheduled import RELEASED
 
 FRAMES = 6
 """The last frames that are inputs."""
+WIDEST = 10.0
+"""Of an input: shares, seconds and correlations are of order 1."""
 _NEVER = 2.0  # age of a frame that has not come [s]
 
 _STATE = (
@@ -132,7 +134,7 @@ class Learned(Adaptive):
             known += [shift / peak, age, frame.noise / full, frame.reading / full]
             known += [float(frame.outlier), (frame.u - u) / peak]
         known += [0.0, _NEVER, 0.0, 0.0, 0.0, 0.0] * (FRAMES - len(self._past))
-        return np.clip(np.array(known), -_WIDEST, _WIDEST).astype(np.float32)
+        return np.clip(np.array(known), -WIDEST, WIDEST).astype(np.float32)
 
     def _observe(self, found: Measurement) -> None:
         super()._observe(found)
@@ -145,6 +147,3 @@ class Learned(Adaptive):
         share = float(self._policy(self.inputs(target)))
         share = max(-1.0, min(1.0, share)) if math.isfinite(share) else 0.0
         return super()._aim(target, ahead) + share * self._largest_correction
-
-
-_WIDEST = 10.0  # of an input: shares, seconds and correlations are of order 1
