@@ -13,6 +13,8 @@ from exosight.app.console import progress, to_json
 from exosight.app.control_figures import stress_figure
 from exosight.app.nominal import camera_for
 from exosight.control import ControllerConfig, OnnxEstimator, Proportional, guarded_of
+from exosight.control.learned import FULL_AUTHORITY, NO_OVERLOAD
+from exosight.control.policy_file import LearnedPolicy
 from exosight.control.stress import ControllerName, StressConfig
 from exosight.control.stress.episodes import draw_episode
 from exosight.control.stress.frames import Look, camera_sensor, true_sensor
@@ -20,6 +22,7 @@ from exosight.control.stress.measures import Measured, attained, measure_episode
 from exosight.control.stress.oracle import run_oracle
 from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
+from exosight.errors import InputError
 from exosight.evaluation import Column, Table
 from exosight.evaluation.figures import to_bytes
 from exosight.exosuit.published import PublishedDesigns
@@ -65,8 +68,11 @@ def run_stress(
     gains: Sequence[float],
     plants: StressPlants,
     look: Look,
+    policy: LearnedPolicy | None = None,
 ) -> dict[str, Outcome]:
     """The named controllers and the paper's law with each gain, all on the same episodes.
+
+    policy   of the learned controllers
 
     Raises InputError for settings that are out of range.
     """
@@ -77,7 +83,7 @@ def run_stress(
             if name == ORACLE:
                 traces = run_oracle(drawn, plants.limits, update)
             else:
-                chosen = _controllers(name, plants.limits, gains, episodes)
+                chosen = _controllers(name, plants.limits, gains, episodes, policy)
                 traces = run_episodes(drawn, chosen, look, plants.limits, update)
         measured = tuple(measure_episode(e, traces, i, plants.limits) for i, e in enumerate(drawn))
         outcomes[name] = Outcome(measured, traces)
@@ -85,9 +91,14 @@ def run_stress(
 
 
 def _controllers(
-    name: str, limits: ControllerConfig, gains: Sequence[float], count: int
+    name: str, limits: ControllerConfig, gains: Sequence[float], count: int, policy: LearnedPolicy | None
 ) -> Sequence[Controller]:
     """One of this name for each episode."""
+    if name in ("learned", "unguarded"):
+        if policy is None:
+            raise InputError(f"stress: expected a policy for the controller {name}; give --law")
+        settings = (FULL_AUTHORITY, NO_OVERLOAD) if name == "unguarded" else (None, None)
+        return [policy.controller(limits, *settings) for _ in range(count)]
     if name in ("guarded", "adaptive"):
         return [guarded_of(name, limits) for _ in range(count)]
     (gain,) = (gain for gain in gains if name == f"K_P = {gain:g}")
@@ -160,6 +171,7 @@ def about(
     gains: Sequence[float],
     model: Path | None,
     plants: StressPlants,
+    law: Path | None = None,
 ) -> dict[str, Any]:
     """All that it takes to run it again."""
     config = replace(config, targets=config.targets or plants.targets)
@@ -172,6 +184,7 @@ def about(
         "episodes": episodes,
         "seed": seed,
         "model": None if model is None else model.name,
+        **({} if law is None else {"law": law.name}),
         "gains": list(gains),
         "config": TypeAdapter(StressConfig).dump_python(config, mode="json"),
     }

@@ -11,12 +11,12 @@ the sum.
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float32
 
-from exosight.control.adaptive import Adaptive, AdaptiveConfig
+from exosight.control.adaptive import Adaptive, AdaptiveConfig, AuthorityConfig
 from exosight.control.frame_check import GuardConfig, Measurement
 from exosight.control.paths import ControllerConfig
 from exosight.control.scheduled import RELEASED
@@ -56,12 +56,18 @@ _FRAME = (
 INPUTS = (*_STATE, *(f"frame {-i}, {name}" for i in range(1, FRAMES + 1) for name in _FRAME))
 """Of a policy, in order: shares of the channel's peak and of the largest reading of the path."""
 
+FULL_AUTHORITY = AdaptiveConfig(
+    authority=AuthorityConfig(slow_seconds=10, hold_seconds=10, release_seconds=10, slow_deviation=1)
+)
+NO_OVERLOAD = GuardConfig(overload=1e6)
+"""Settings of a controller whose authority stays NORMAL for 10 s without a frame and under any force: to measure
+what the authority costs and saves in simulation; not for a device."""
+
 Policy = Callable[[Float32[np.ndarray, " inputs"]], float]
 """From the inputs to the correction as a share of the largest, −1…1."""
 
 
-@dataclass(frozen=True)
-class _Frame:
+class _Frame(NamedTuple):
     """A frame that came.
 
     made      when, in periods from the start
@@ -113,28 +119,37 @@ class Learned(Adaptive):
         observer, u, ahead, period = self.observer, self._frames.u, self._behind, self.config.period
         peak, full = abs(self.config.driven.peak), self._largest
         x, p = observer.ahead(ahead)
-        deviation = np.sqrt(np.diag(p))
+        deviation, wanted = np.sqrt(np.diag(p)), observer.command(target, ahead)
         known = [
             target / full,
             u / peak,
-            (observer.command(target, ahead) - u) / peak,
+            (wanted - u) / peak,
             *(x / (1, peak, peak)),
             *(deviation / (1, peak, peak)),
             p[0, 1] / (deviation[0] * deviation[1]),
             p[1, 2] / (deviation[1] * deviation[2]),
-            observer.sensitivity(target, ahead) * peak / full,
+            observer.sensitivity(x, wanted) * peak / full,
             self.unseen,
             ahead * period,
             min(self._now * period, 1.0),
         ]
-        for frame in reversed(self._past):
-            pressing = frame.reading >= RELEASED  # else the path has no inverse there
-            shift = observer.shift_of(frame.u, frame.reading, ahead) - x[1] if pressing else 0.0
-            age = min((self._now - frame.made) * period, _NEVER)
-            known += [shift / peak, age, frame.noise / full, frame.reading / full]
-            known += [float(frame.outlier), (frame.u - u) / peak]
-        known += [0.0, _NEVER, 0.0, 0.0, 0.0, 0.0] * (FRAMES - len(self._past))
-        return np.clip(np.array(known), -WIDEST, WIDEST).astype(np.float32)
+        frames = np.tile([0.0, _NEVER, 0.0, 0.0, 0.0, 0.0], (FRAMES, 1))
+        if self._past:
+            made, at, reading, noise, outlier = np.array(self._past)[::-1].T
+            # Where nothing presses the path has no inverse.
+            shift = np.where(reading >= RELEASED, observer.shifts_of(x, at, reading) - x[1], 0.0)
+            age = np.minimum((self._now - made) * period, _NEVER)
+            columns = (shift / peak, age, noise / full, reading / full, outlier, (at - u) / peak)
+            frames[: len(self._past)] = np.column_stack(columns)
+        return np.clip(np.append(known, frames), -WIDEST, WIDEST).astype(np.float32)
+
+    def aim(self, target: float) -> tuple[float, float]:
+        """The coming command without a correction [the channel's unit], and ∂F/∂u there, by the observer.
+
+        target   of the controlled sensor [its unit]
+        """
+        wanted = self.observer.command(target, self._behind)
+        return wanted, self.observer.sensitivity(self.observer.ahead(self._behind)[0], wanted)
 
     def _observe(self, found: Measurement) -> None:
         super()._observe(found)

@@ -189,16 +189,19 @@ class Observer:
             x, p = move @ x, move @ p @ move.T + stir
         return x, p
 
-    def sensitivity(self, target: float, ahead: int) -> float:
-        """∂F/∂u where the controlled sensor reads the target, so many steps after the last frame."""
-        x, _ = self.ahead(ahead)
-        return self._slope((self.command(target, ahead) - x[1]) / math.exp(x[0]))
+    def sensitivity(self, x: Float[np.ndarray, "3"], u: float) -> float:
+        """∂F/∂u under u in a state (log s, d, ḋ) that `ahead` gives."""
+        return self._slope((u - x[1]) / math.exp(x[0]))
 
-    def shift_of(self, u: float, reading: float, ahead: int) -> float:
-        """d by one reading of the controlled sensor under u alone, with s as it is known now."""
-        x, _ = self.ahead(ahead)
+    def shifts_of(
+        self,
+        x: Float[np.ndarray, "3"],
+        u: Float[np.ndarray, " frames"],
+        reading: Float[np.ndarray, " frames"],
+    ) -> Float[np.ndarray, " frames"]:
+        """d by single readings of the controlled sensor under u, with s of a state that `ahead` gives."""
         s = math.exp(x[0])
-        return u - s * float(np.interp(reading / s, self._force, self._u))
+        return u - s * np.interp(reading / s, self._force, self._u)
 
     def _slope(self, w: float) -> float:
         """∂F₀/∂w, over a fortieth of the peak to both sides."""

@@ -33,11 +33,19 @@ from exosight.learning.model_file import (
 )
 from exosight.system.schema import Schema, difference
 
+NAMED_POLICIES = {"index-policy": Path(__file__).parents[1] / "models" / "index-policy.onnx"}
+"""Policies that come with the package, by the name that options call them by."""
+
 _LARGEST_FILE = 2**20  # bytes; the one that comes with the package has a tenth of it
 _KIND = "policy"
 _INPUT, _OUTPUT = "inputs", "correction"
 _SAME = 1e-5  # of two ways to add some hundred products of order 1 in single precision
 Layers = Sequence[tuple[np.ndarray, np.ndarray]]
+
+
+def policy_path(given: Path | None) -> Path:
+    """The file of a policy: as given, or the package's own by its name, or where it is left out."""
+    return NAMED_POLICIES.get(str(given or "index-policy"), given or Path())
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,10 @@
 """The grip in the episodes of the stress test, as Gymnasium environments: one, or many solved together.
 
-Plants, users, cameras and frames are those of `exosight.control.stress`: frames are late, lost, noisy or hidden, the system
-is not the one that was tuned for, and the user moves. An agent does not drive the plant itself: ten times a
-second it corrects the command of the adaptive controller by a share −1 ≤ a ≤ 1 of the largest correction, as a
-learned policy does (`exosight.control.learned`), and is paid as in `exosight.environment.task`.
+Plants, users, cameras and frames are those of `exosight.control.stress`: frames are late, lost, noisy or
+hidden, the system is not the one that was tuned for, and the user moves. An agent does not drive the plant
+itself: ten times a second it corrects the command of the adaptive controller by a share −1 ≤ a ≤ 1 of the
+largest correction, as a learned policy does (`exosight.control.learned`), and is paid as in
+`exosight.environment.task`.
 """
 
 from collections.abc import Sequence
@@ -35,7 +36,7 @@ from exosight.exosuit.catalogue import find_system
 from exosight.exosuit.index import NAME
 from exosight.validation import first_fault
 
-LARGEST_CORRECTION = 0.1
+LARGEST_CORRECTION = 0.2
 """Of the adaptive controller's command, as a share of the channel's peak."""
 _KINDS = 30  # of targets, cameras and users, see `draw_episode`: numbers beyond repeat them
 _METADATA: dict[str, Any] = {"render_modes": []}

@@ -8,6 +8,7 @@ from pydantic import Field
 from exosight.app.commands.options import NOMINAL_LOOP, Json, LoopOptions, MaybePath, Seed
 from exosight.app.console import check_json_target, results_folder, show_or_write
 from exosight.control.stress import ControllerName, StressConfig
+from exosight.errors import InputError
 
 DEFAULT = StressConfig()
 
@@ -22,6 +23,7 @@ def stress(
     controllers: Annotated[tuple[ControllerName, ...], tyro.conf.arg(metavar="NAME …")] = ("guarded",),
     gains: Gains = None,
     loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = NOMINAL_LOOP,
+    law: MaybePath = None,
     model: MaybePath = None,
     out: MaybePath = None,
     json: Json = None,
@@ -35,6 +37,7 @@ def stress(
     Examples:
       exosight stress --episodes 100
       exosight stress --system index --controllers oracle adaptive --gains
+      exosight stress --system index --controllers adaptive learned --gains
       exosight stress --model results/light/model.onnx --out results/stress
       exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --no-wrong-plant
 
@@ -43,10 +46,12 @@ def stress(
         episodes: how many
         seed: seed of all that is drawn
         controllers: guarded: the scheduled law behind its guard; adaptive: observer, law and authority in
-            one; oracle: the bound, which feels the true force at once and knows plant and user
+            one; learned: the same with a learned correction of its command; unguarded: this with full
+            authority whatever it knows; oracle: the bound, which feels the true force at once and knows plant and user
         gains: K_P of the paper's law [channel's unit per sensor's], one run each; none: only the
             controllers above; default: 5, the paper's, for F_net of the presets, otherwise half of
             what the steepest part of the path asks for
+        law: policy of the learned controller; default: 'index-policy', the package's own for index
         loop: what is driven; the `vary` tables of a system file are what may be wrong about it
         model: exported network, from `exosight train`, 'shipped', the package's own for the system, or
             'index-control', its own for closed loops;
@@ -58,14 +63,20 @@ def stress(
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
     from exosight.app.stress import about, prepare, results, run_stress, stress_table, write_stress
     from exosight.control.estimator import model_path
+    from exosight.control.policy_file import LearnedPolicy, policy_path
     from exosight.exosuit.catalogue import find_system
 
     model = None if model is None else model_path(model, loop.system)
+    learned = any(name in ("learned", "unguarded") for name in controllers)
+    if law is not None and not learned:
+        raise InputError("stress: expected the controller learned or unguarded with --law, got neither")
+    law = policy_path(law) if learned else None
+    policy = None if law is None else LearnedPolicy.load(law)
     plants, look = prepare(find_system(loop.system), model, loop.sensor, loop.channel)
     gains = (plants.gain,) if gains is None else gains
     with results_folder(out) as folder:
-        outcomes = run_stress(config, episodes, seed, controllers, gains, plants, look)
-        found = results(outcomes, about(config, episodes, seed, gains, model, plants))
+        outcomes = run_stress(config, episodes, seed, controllers, gains, plants, look, policy)
+        found = results(outcomes, about(config, episodes, seed, gains, model, plants, law))
         if folder is not None:
             write_stress(outcomes, found, folder)
     show_or_write([stress_table(found)], found, json)
