@@ -60,8 +60,8 @@ FULL_AUTHORITY = AdaptiveConfig(
     authority=AuthorityConfig(slow_seconds=10, hold_seconds=10, release_seconds=10, slow_deviation=1)
 )
 NO_OVERLOAD = GuardConfig(overload=1e6)
-"""Settings of a controller whose authority stays NORMAL for 10 s without a frame and under any force: to measure
-what the authority costs and saves in simulation; not for a device."""
+"""Settings of a controller whose authority stays NORMAL for 10 s without a frame and under any force: to
+measure what the authority costs and saves in simulation; not for a device."""
 
 Policy = Callable[[Float32[np.ndarray, " inputs"]], float]
 """From the inputs to the correction as a share of the largest, −1…1."""
