@@ -81,9 +81,22 @@ def path_plants(episodes: Sequence[Episode], config: ControllerConfig, seed: int
     wearers = np.random.default_rng(seed).multivariate_normal(*WEARERS, size=len(episodes))
     stiffer = np.log([e.stiffness[:, 0] / e.stiffness[0, 0] for e in episodes])
     flexed = np.array([e.rest[:, 0] for e in episodes])  # of the knuckle, whose share of the motion is 1
-    s = wearers[:, :1] + SCALE_BY_USER[0] * stiffer + SCALE_BY_USER[1] * flexed
-    d = SHIFT_BY_USER[0] * stiffer + SHIFT_BY_USER[1] * flexed + SHIFT_BY_USER[2] * stiffer * flexed
-    return PathPlants(config, np.exp(s), wearers[:, 1:] + d)
+    s, d = users(stiffer, flexed, wearers[:, :1], wearers[:, 1:])
+    return PathPlants(config, s, d)
+
+
+def users(
+    stiffer: np.ndarray,
+    flexed: np.ndarray,
+    scale: float | np.ndarray,
+    shift: float | np.ndarray,
+    scale_by: Sequence[float] | np.ndarray = SCALE_BY_USER,
+    shift_by: Sequence[float] | np.ndarray = SHIFT_BY_USER,
+) -> tuple[np.ndarray, np.ndarray]:
+    """s and d of wearers (σ, δ) whose users have log k and φ."""
+    s = scale + scale_by[0] * stiffer + scale_by[1] * flexed
+    d = shift + shift_by[0] * stiffer + shift_by[1] * flexed + shift_by[2] * stiffer * flexed
+    return np.exp(s), d
 
 
 def rows(episodes: Sequence[Episode], plants: PathPlants) -> dict[str, np.ndarray]:
