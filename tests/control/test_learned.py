@@ -1,4 +1,4 @@
-"""A learned correction of the adaptive controller on a plant in closed form, and the file that it comes in."""
+"""A learned correction of the adaptive controller on a plant in closed form, and the file it comes in."""
 
 import math
 from dataclasses import replace
