@@ -8,7 +8,7 @@ stress_latency.json  as stress.json, with --latency 0.1 0.1 --dropped 0.1 0.1 --
 stress_index_true.json   exosight stress --system index --controllers oracle adaptive guarded --gains
 stress_index_image.json  as before, with --model index-control
 stress_index_learned.json    exosight stress --system index --controllers adaptive learned --gains
-                             --episodes EPISODES
+                             --episodes 650
 stress_index_unguarded.json  the same, with --controllers adaptive learned unguarded --episodes 200
 """
 
