@@ -7,6 +7,9 @@ stress_latency.json  as stress.json, with --latency 0.1 0.1 --dropped 0.1 0.1 --
                      --no-wrong-plant --no-wrong-camera --no-moving-user
 stress_index_true.json   exosight stress --system index --controllers oracle adaptive guarded --gains
 stress_index_image.json  as before, with --model index-control
+stress_index_learned.json    exosight stress --system index --controllers adaptive learned --gains
+                             --episodes 650
+stress_index_unguarded.json  the same, with --controllers adaptive learned unguarded --episodes 200
 """
 
 import json
@@ -21,7 +24,10 @@ from exosight.app.stress import stress_table
 
 HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGE = HERE / "stress.md", HERE / "results", HERE / "images" / "stress.png"
-NAMES = ("stress", "stress_true", "stress_paper", "stress_latency", "stress_index_true", "stress_index_image")
+NAMES = (
+    *("stress", "stress_true", "stress_paper", "stress_latency"),
+    *("stress_index_true", "stress_index_image", "stress_index_learned", "stress_index_unguarded"),
+)
 
 
 def load() -> dict[str, Any]:
@@ -34,7 +40,15 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     causes = found["stress"]["controllers"]["guarded"]["transitions"]
     index = {"true force": found["stress_index_true"], "image": found["stress_index_image"]}
     adaptive = {name: result["controllers"]["adaptive"] for name, result in index.items()}
+    learned = found["stress_index_learned"]["controllers"]
     return {name: shown(stress_table(result)) for name, result in found.items()} | {
+        "tracking": table_of(
+            ["root mean square error from 1 s on, median of the episodes [mN]", *learned],
+            [
+                [kind, *(f"{1e3 * each['tracking_error'][kind]['median']:.1f}" for each in learned.values())]
+                for kind in learned["adaptive"]["tracking_error"]
+            ],
+        ),
         "disturbances": table_of(
             ["disturbance", *adaptive],
             [

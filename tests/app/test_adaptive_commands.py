@@ -67,3 +67,36 @@ def test_it_has_no_gain(refused: Callable[..., str]) -> None:
     assert sentence == (
         "control: expected --gains with the proportional law alone, got adaptive; leave them out"
     )
+
+
+def test_the_trials_of_the_paper_with_a_learned_correction(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "trials"
+    main(["control", "--system", "index", "--law", "index-policy", "--out", str(out), "--json", "-"])
+    *constant, _ = json.loads(capsys.readouterr().out)["trials"]
+    for trial in constant:
+        # Its plant is the nominal one, where there is nothing to correct: the network adds a per cent or two.
+        assert trial["settling_steps"] <= 4
+        assert abs(trial["steady_state_error"]) < 0.05 * trial["target"]
+    assert json.loads((out / "results.json").read_text())["config"]["controller"] == "index-policy.onnx"
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (
+            ("control", "--controller", "guarded", "--law", "index-policy"),
+            "control: expected the adaptive controller with --law, got guarded; leave --controller out",
+        ),
+        (
+            ("stress", "--controllers", "adaptive", "--law", "index-policy"),
+            "stress: expected the controller learned or unguarded with --law, got neither",
+        ),
+        (("control", "--law", "missing.onnx"), "missing.onnx: cannot be read"),
+    ],
+)
+def test_a_law_that_does_not_apply_is_refused(
+    words: tuple[str, ...], sentence: str, refused: Callable[..., str]
+) -> None:
+    assert refused(*words).startswith(sentence)

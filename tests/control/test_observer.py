@@ -170,23 +170,3 @@ def test_noise_is_what_all_zones_show_and_a_contact_elsewhere_is_none():
         found.append(observer.covariance[1, 1])
     assert found[1] == pytest.approx(found[0], rel=1e-6)
     assert found[2] > 1.5 * found[0]
-
-
-def test_a_frame_of_another_command_is_an_outlier_where_the_path_bends():
-    """0.03 N read at 2 N, where the path has 0.06 N and a kink: a shift of 1 N is four of its deviations,
-    and the slope around the kink alone would take it for less."""
-
-    def outputs(u: np.ndarray | float) -> np.ndarray:
-        u = np.atleast_1d(u)
-        found = np.zeros((len(u), 7))
-        found[:, 3] = 0.03 * np.maximum(u, 0.0)
-        found[:, 1] = 0.2 * np.maximum(u - 2.0, 0.0)
-        return found
-
-    back = np.linspace(5.0, -1.0, 241)
-    observer = Observer(controller(force_path(GRID, outputs(GRID)), force_path(back, outputs(back))))
-    assert not observer.update(2.0, outputs(1.0)[0], 0.0)
-    np.testing.assert_array_equal(observer.state, [1.0, 0.0, 0.0])
-    observer.advance(1)
-    assert observer.update(2.6, outputs(2.6)[0], 0.0)
-    assert observer.predict(2.6).controlled == pytest.approx(outputs(2.6).sum(), rel=1e-3)

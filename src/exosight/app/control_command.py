@@ -25,6 +25,7 @@ from exosight.control import (
 from exosight.control.guarded import GuardedName
 from exosight.control.loop import RATE
 from exosight.control.plant import Plant
+from exosight.control.policy_file import LearnedPolicy
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.trials import STEP_SECONDS, Asked
 from exosight.control.tuning import tune
@@ -53,7 +54,7 @@ def run_with_progress(
 
 def run_guarded_with_progress(
     system: System,
-    name: GuardedName,
+    name: GuardedName | LearnedPolicy,
     sense: Sense,
     asked: Sequence[Asked],
     sensor: str | None = None,

@@ -14,6 +14,8 @@ from exosight.app.control_figures import stress_figure
 from exosight.app.nominal import camera_for
 from exosight.control import ControllerConfig, GuardConfig, OnnxEstimator, Proportional, guarded_of
 from exosight.control.guarded import GuardedName
+from exosight.control.learned import FULL_AUTHORITY, NO_OVERLOAD
+from exosight.control.policy_file import LearnedPolicy
 from exosight.control.stress import ControllerName, StressConfig
 from exosight.control.stress.causes import Causes, find_causes, worst
 from exosight.control.stress.config import guard_of
@@ -24,6 +26,7 @@ from exosight.control.stress.oracle import run_oracle
 from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.recorded import record_episodes
 from exosight.control.stress.suite import Controller, Traces, Unguarded, run_episodes
+from exosight.errors import InputError
 from exosight.evaluation import Column, Table
 from exosight.evaluation.figures import to_bytes
 from exosight.exosuit.published import PublishedDesigns
@@ -71,11 +74,13 @@ def run_stress(
     plants: StressPlants,
     look: Look,
     causes: int = 0,
+    policy: LearnedPolicy | None = None,
 ) -> dict[str, Outcome]:
     """The named controllers and the paper's law with each gain, all on the same episodes.
 
     causes   failures of each controller that are run again without one disturbance at a time
               which needs the oracle among them
+    policy   of the learned controllers
 
     Raises InputError for settings that are out of range.
     """
@@ -83,7 +88,7 @@ def run_stress(
     guard = guard_of(config)
     outcomes: dict[str, Outcome] = {}
     for name in (*controllers, *(f"K_P = {gain:g}" for gain in gains)):
-        outcomes[name] = _run(name, drawn, gains, plants, look, guard)
+        outcomes[name] = _run(name, drawn, gains, plants, look, guard, policy)
     if not causes:
         return outcomes
 
@@ -92,7 +97,7 @@ def run_stress(
             drawn,
             outcome.measured,
             outcomes[ORACLE].measured,
-            lambda others: _run(name, others, gains, plants, look, guard).measured,
+            lambda others: _run(name, others, gains, plants, look, guard, policy).measured,
             plants.nominal,
             causes,
         )
@@ -108,13 +113,14 @@ def _run(
     plants: StressPlants,
     look: Look,
     guard: GuardConfig,
+    policy: LearnedPolicy | None,
 ) -> Outcome:
     """One controller on all of these episodes."""
     with progress(name, "steps") as update:
         if name == ORACLE:
             traces = run_oracle(drawn, plants.limits, update)
         else:
-            chosen = _controllers(name, plants.limits, gains, len(drawn), guard)
+            chosen = _controllers(name, plants.limits, gains, len(drawn), guard, policy)
             traces = run_episodes(drawn, chosen, look, plants.limits, update)
     return Outcome(tuple(measure_episode(e, traces, i, plants.limits) for i, e in enumerate(drawn)), traces)
 
@@ -145,9 +151,19 @@ def save_worst(
 
 
 def _controllers(
-    name: str, limits: ControllerConfig, gains: Sequence[float], count: int, guard: GuardConfig
+    name: str,
+    limits: ControllerConfig,
+    gains: Sequence[float],
+    count: int,
+    guard: GuardConfig,
+    policy: LearnedPolicy | None,
 ) -> Sequence[Controller]:
     """One of this name for each episode."""
+    if name in ("learned", "unguarded"):
+        if policy is None:
+            raise InputError(f"stress: expected a policy for the controller {name}; give --law")
+        settings = (FULL_AUTHORITY, NO_OVERLOAD) if name == "unguarded" else (None, guard)
+        return [policy.controller(limits, *settings) for _ in range(count)]
     if name in ("guarded", "adaptive"):
         return [guarded_of(name, limits, guard) for _ in range(count)]
     (gain,) = (gain for gain in gains if name == f"K_P = {gain:g}")
@@ -252,6 +268,7 @@ def about(
     gains: Sequence[float],
     model: Path | None,
     plants: StressPlants,
+    law: Path | None = None,
 ) -> dict[str, Any]:
     """All that it takes to run it again."""
     config = replace(config.complete(), targets=config.targets or plants.targets)
@@ -264,6 +281,7 @@ def about(
         "episodes": episodes,
         "seed": seed,
         "model": None if model is None else model.name,
+        **({} if law is None else {"law": law.name}),
         "gains": list(gains),
         "config": TypeAdapter(StressConfig).dump_python(config, mode="json"),
     }

@@ -17,6 +17,8 @@ guarded           the loop with that law and guard in it, or with the adaptive c
 frame_check       what was measured in a step, and whether it can be used
 observer          what a plant does that is not the one that was solved
 adaptive          a controller that follows its observer, with authority by what it knows
+learned           that controller with a learned correction of its command
+policy_file       such a correction as an ONNX file
 sources           frames of a camera, a video, a folder of pictures
 actuators         what carries the command to the plant
 realtime          the guarded loop at a fixed rate, which always ends at u = 0

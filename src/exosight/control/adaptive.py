@@ -89,6 +89,7 @@ class Adaptive:
         self.state, self.problem = State.NORMAL, None
         self.log = []
         self._steps = self._good = self._over = 0
+        self._found = Measurement()
         self._behind = 0  # steps from the observer's state to the coming command
         self._unseen = 0  # the same from the last frame that it took in
 
@@ -101,9 +102,14 @@ class Adaptive:
 
         Raises InputError if the target is no finite number.
         """
-        if not np.isfinite(target):
-            raise InputError(f"target: expected a finite number, got {target}")
+        _check(target)
+        self.observe(measurement, missed)
+        return self.command(target)
+
+    def observe(self, measurement: object, missed: int = 0) -> None:
+        """Take in what was measured, the first half of `step`; arguments as there."""
         found = measurement if isinstance(measurement, Measurement) else Measurement()
+        self._found = found
         self._steps += 1
         self._frames.sent(self._frames.u, missed)
         self._behind += 1 + missed
@@ -117,8 +123,17 @@ class Adaptive:
         else:
             self._observe(found)
         self._decide()
+
+    def command(self, target: float) -> float:
+        """The command of the coming step [the channel's unit], the second half of `step`.
+
+        target   of the controlled sensor [its unit]
+
+        Raises InputError if the target is no finite number.
+        """
+        _check(target)
         u = self._frames.u
-        wanted = self._wanted(float(target), u, found)
+        wanted = self._wanted(float(target), u, self._found)
         u = limited(self.config, u, wanted)
         self._frames.sent(u)
         return u
@@ -187,7 +202,7 @@ class Adaptive:
         largest = max(self.observer.largest(ahead), 0.0)
         if self.state is State.HOLD:
             return min(u, largest)
-        wanted = min(self.observer.command(config.reachable(target), ahead), largest)
+        wanted = min(self._aim(config.reachable(target), ahead), largest)
         if self.problem is None:
             outputs = found.reading.forces[0].astype(float)
             excess = float((outputs - config.output_limits).max())
@@ -196,6 +211,10 @@ class Adaptive:
         if self.state is State.SLOW and wanted > max(u, 0.0):
             wanted = u + self.adaptive.authority.slow * (min(wanted, u + config.step) - u)
         return wanted
+
+    def _aim(self, target: float, ahead: int) -> float:
+        """The command at which the sensor reads the target, so many steps after the last frame."""
+        return self.observer.command(target, ahead)
 
     def _release(self, u: float, found: Measurement) -> float:
         """To 0, and if it presses there as well on to u_min, then slowly back, lest it closes again."""
@@ -208,6 +227,11 @@ class Adaptive:
             if surely >= RELEASED:
                 return 0.0 if at > 0 else self.config.u_min
         return min(u + 0.1 * self.config.step, 0.0)
+
+
+def _check(target: float) -> None:
+    if not np.isfinite(target):
+        raise InputError(f"target: expected a finite number, got {target}")
 
 
 _ORDER = (State.NORMAL, State.SLOW, State.HOLD, State.RELEASE)

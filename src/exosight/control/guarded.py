@@ -12,6 +12,7 @@ from exosight.control.guard import GuardConfig, Guarded, Measurement
 from exosight.control.loop import Record, run
 from exosight.control.paths import ControllerConfig
 from exosight.control.plant import Observation, Plant
+from exosight.control.policy_file import LearnedPolicy
 from exosight.control.scheduled import Scheduled
 from exosight.errors import InputError
 from exosight.system.schema import difference
@@ -24,12 +25,16 @@ GuardedName = Literal["guarded", "adaptive"]
 
 
 def guarded_of(
-    name: GuardedName, config: ControllerConfig, guard: GuardConfig | None = None
+    name: GuardedName | LearnedPolicy, config: ControllerConfig, guard: GuardConfig | None = None
 ) -> Guarded | Adaptive:
-    """A new controller of this name with the settings that it has by default.
+    """A new controller of this name, or with this policy, with the settings that it has by default.
 
     guard   when a frame is bad
+
+    Raises InputError for a policy that was trained for another loop.
     """
+    if isinstance(name, LearnedPolicy):
+        return name.controller(config, guard=guard)
     if name == "adaptive":
         return Adaptive(config, guard=guard)
     return Guarded(Scheduled(config), guard or GuardConfig())

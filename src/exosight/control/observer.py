@@ -105,7 +105,7 @@ class Observer:
 
     def predict(self, u: float, ahead: int = 0) -> Prediction:
         """The plant under u, so many steps after the last frame."""
-        x, p = self._ahead(ahead)
+        x, p = self.ahead(ahead)
         force, gradient = self._model(x, u)
         deviation = math.sqrt(max(float(gradient @ p @ gradient), 0.0))
         w = (u - x[1]) / math.exp(x[0])
@@ -114,7 +114,7 @@ class Observer:
 
     def command(self, target: float, ahead: int = 0) -> float:
         """u at which the controlled sensor reads the target so many steps after the last frame."""
-        x, _ = self._ahead(ahead)
+        x, _ = self.ahead(ahead)
         s = math.exp(x[0])
         wanted = target / s
         w = float(np.interp(wanted, self._force, self._u))
@@ -124,7 +124,7 @@ class Observer:
 
     def largest(self, ahead: int = 0) -> float:
         """The largest u at which every estimated sensor is within its limit, on the path as it is now."""
-        x, _ = self._ahead(ahead)
+        x, _ = self.ahead(ahead)
         s = math.exp(x[0])
         over = (s * self._outputs > self._config.output_limits).any(axis=1)
         w = self._u[max(int(np.argmax(over)) - 1, 0)] if over.any() else math.inf
@@ -132,7 +132,7 @@ class Observer:
 
     def advance(self, steps: int) -> None:
         """Move the state on to a later frame."""
-        self._x, self._p = self._ahead(steps)
+        self._x, self._p = self.ahead(steps)
 
     def update(self, u: float, outputs: Float[np.ndarray, " outputs"], deviation: float) -> bool:
         """Take in what was measured under u at the time of the state; returns False for an outlier.
@@ -145,46 +145,32 @@ class Observer:
         if max(force, measured) < RELEASED:
             self._outliers.clear()
             return True  # nothing presses, and nothing is learned from that
-        noise = deviation**2 + (given.noise * self._largest) ** 2 + self._scatter(u, outputs)
-        x = self._fitted(u, measured, noise)
-        if self._misfit(x, u, measured, noise) > given.gate:
-            _, gradient = self._model(self._x, u, touching=True)
-            spread = math.sqrt(float(gradient @ self._p @ gradient) + noise)
+        noise = deviation**2 + (given.noise * self._largest) ** 2 + self.scatter(u, outputs)
+        _, gradient = self._model(self._x, u, touching=True)
+        innovation = measured - force
+        spread = math.sqrt(float(gradient @ self._p @ gradient) + noise)
+        if abs(innovation) > given.gate * spread:
             self._outliers.append(measured)
             agree = len(self._outliers) == given.agreeing and np.ptp(self._outliers) < given.gate * spread
             if not agree:
                 return False
             # The plant is another than it was: as unknown as at first.
             self._p += np.diag(np.square([0.0, given.shift * self._peak, given.speed * self._peak]))
-            x = self._fitted(u, measured, noise)
         self._outliers.clear()
+        x = self._x
+        for _ in range(_ITERATIONS):  # as the path bends
+            force, gradient = self._model(x, u, touching=True)
+            gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
+            x = self._x + gain * (measured - force - gradient @ (self._x - x))
+            x = np.clip(x, *self._range)
         _, gradient = self._model(x, u, touching=True)
         gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
         keep = np.eye(3) - np.outer(gain, gradient)
         self._x, self._p = x, keep @ self._p @ keep.T + noise * np.outer(gain, gain)
         return True
 
-    def _fitted(self, u: float, measured: float, noise: float) -> np.ndarray:
-        """The state of least squares between what was known and what is measured, of a path that bends."""
-        x = self._x
-        for _ in range(_ITERATIONS):
-            force, gradient = self._model(x, u, touching=True)
-            gain = self._p @ gradient / (gradient @ self._p @ gradient + noise)
-            x = self._x + gain * (measured - force - gradient @ (self._x - x))
-            x = np.clip(x, *self._range)
-        return x
-
-    def _misfit(self, x: np.ndarray, u: float, measured: float, noise: float) -> float:
-        """Standard deviations between what was known and what is measured, by way of this state.
-
-        On a straight path that is the innovation over its deviation. On one that bends that would take a
-        force that asks for an implausible state for a plausible one.
-        """
-        change, rest = x - self._x, measured - self._model(x, u, touching=True)[0]
-        return math.sqrt(max(float(change @ np.linalg.solve(self._p, change)), 0.0) + rest**2 / noise)
-
-    def _scatter(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
-        """Variance of the controlled sensor by what is measured where nothing can press.
+    def scatter(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
+        """Variance of the controlled sensor by what is measured under u where nothing can press.
 
         By the median, as noise is on every output, and a contact that the model has elsewhere on few: taken
         for noise it would keep a wrong state as it is.
@@ -197,8 +183,8 @@ class Observer:
         middle = float(np.quantile(np.square(outputs[free]), 0.5, method="lower"))
         return float(np.count_nonzero(self._config.weights) * middle / _MEDIAN)
 
-    def _ahead(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
-        """State and covariance so many steps later."""
+    def ahead(self, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """(log s, d, ḋ) so many steps after the last frame, and their covariance (3, 3)."""
         given, period = self._given, self._config.period
         keep = math.exp(-period / given.motion_time)
         move = np.array([[1, 0, 0], [0, 1, period], [0, 0, keep]])
@@ -208,6 +194,20 @@ class Observer:
         for _ in range(min(steps, _LONGEST)):
             x, p = move @ x, move @ p @ move.T + stir
         return x, p
+
+    def sensitivity(self, x: Float[np.ndarray, "3"], u: float) -> float:
+        """∂F/∂u under u in a state (log s, d, ḋ) that `ahead` gives."""
+        return self._slope((u - x[1]) / math.exp(x[0]))
+
+    def shifts_of(
+        self,
+        x: Float[np.ndarray, "3"],
+        u: Float[np.ndarray, " frames"],
+        reading: Float[np.ndarray, " frames"],
+    ) -> Float[np.ndarray, " frames"]:
+        """d by single readings of the controlled sensor under u, with s of a state that `ahead` gives."""
+        s = math.exp(x[0])
+        return u - s * np.interp(reading / s, self._force, self._u)
 
     def _slope(self, w: float) -> float:
         """∂F₀/∂w, over a fortieth of the peak to both sides."""

@@ -8,6 +8,7 @@
 
 task    what is asked of an agent and what it is paid; the same for one grip and for many (needs JAX)
 envs    the two classes that are registered with Gymnasium
+disturbed  the same in the episodes of the stress test: a correction of the adaptive controller's command
 """
 
 from exosight.errors import InputError
@@ -28,4 +29,13 @@ gymnasium.register(
     vector_entry_point="exosight.environment.envs:GripVectorEnv",
 )
 
-__all__ = ["GRIP"]
+DISTURBED_GRIP = "exosight/DisturbedGrip-v0"
+"""The same under the disturbances of the stress test."""
+
+gymnasium.register(
+    DISTURBED_GRIP,
+    entry_point="exosight.environment.disturbed:DisturbedGripEnv",
+    vector_entry_point="exosight.environment.disturbed:DisturbedGripVectorEnv",
+)
+
+__all__ = ["DISTURBED_GRIP", "GRIP"]

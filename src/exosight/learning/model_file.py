@@ -9,6 +9,7 @@ import hashlib
 import json
 import os
 from dataclasses import asdict, dataclass, fields
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -131,11 +132,8 @@ class ModelCard:
             )
 
 
-_CARD = pydantic.TypeAdapter(ModelCard)
-
-
-def card_to_metadata(card: ModelCard) -> dict[str, str]:
-    """Spell a card as ONNX metadata: text as it is, everything else as JSON."""
+def card_to_metadata(card: Any) -> dict[str, str]:
+    """Spell a card, a dataclass with a schema, as ONNX metadata: text as it is, everything else as JSON."""
     values = asdict(card) | {"schema": schema_to_dict(card.schema)}
     return {key: value if isinstance(value, str) else json.dumps(value) for key, value in values.items()}
 
@@ -160,15 +158,16 @@ def open_model(path: Path, threads: int) -> tuple[Any, ModelCard]:
     return open_session(read_model(path), threads, str(path))
 
 
-def read_model(path: Path) -> bytes:
-    """The bytes of a sealed ONNX file.
+def read_model(path: Path, largest: int = _LARGEST_FILE, what: str = "estimator") -> bytes:
+    """The bytes of a sealed ONNX file of at most so many bytes; `what` is what an error calls it.
 
     Raises DataError if it is missing, truncated, or changed.
     """
-    data = read_file(path, _LARGEST_FILE, "expected an exported ONNX estimator")
+    data = read_file(path, largest, f"expected an exported ONNX {what}")
     if seal(data[: -len(_SEAL_START) - 64]) != data:
+        article = "an" if what[0] in "aeiou" else "a"
         raise DataError(
-            f"{path}: not an estimator that exosight exported, or truncated or changed; export it again"
+            f"{path}: not {article} {what} that exosight exported, or truncated or changed; export it again"
         )
     return data
 
@@ -181,47 +180,66 @@ def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
     """
     from exosight.learning.model_graph import check_graph, read_graph
 
-    # Set before the import: on Linux it writes a device id to disk, and can report usage.
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    import onnxruntime
-
     model = read_graph(data, name)
-    card = _read_card({entry.key: entry.value for entry in model.metadata_props}, name)
-    one = [len(card.schema.outputs)]
-    check_graph(model, card.inputs, dict(zip(OUTPUTS, (one, one, one, []), strict=True)), len(data), name)
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = threads
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 4  # it would print what is raised below
-    try:
-        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"]), card
-    except Exception as error:  # its exceptions share no base of their own
-        raise DataError(f"{name}: ONNX Runtime cannot use this model ({str(error)[:200]})") from error
-
-
-def _read_card(texts: dict[str, str], name: str) -> ModelCard:
-    """The card in a model's metadata, checked to the last field."""
+    texts = {entry.key: entry.value for entry in model.metadata_props}
     if "contacts" in texts and "schema" not in texts:
         raise DataError(
             f"{name}: written by an earlier exosight, its card has no schema; make it again: exosight "
             "generate, then exosight train"
         )
+    card = read_card(ModelCard, texts, name)
+    one = [len(card.schema.outputs)]
+    check_graph(model, card.inputs, dict(zip(OUTPUTS, (one, one, one, []), strict=True)), len(data), name)
+    return run_session(data, threads, name), card
+
+
+def run_session(data: bytes, threads: int, name: str) -> Any:
+    """The onnxruntime.InferenceSession of a serialised model that was checked before.
+
+    Raises DataError if ONNX Runtime refuses it.
+    """
+    # Set before the import: on Linux it writes a device id to disk, and can report usage.
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # it would print what is raised below
+    try:
+        return onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # its exceptions share no base of their own
+        raise DataError(f"{name}: ONNX Runtime cannot use this model ({str(error)[:200]})") from error
+
+
+def read_card(kind: type, texts: dict[str, str], name: str, what: str = "estimator") -> Any:
+    """The card in a model's metadata, a dataclass, checked to the last field; `what` is what it is of.
+
+    Raises DataError if it is not such a card.
+    """
     if sum(map(len, texts.values())) > _LARGEST_CARD:
         raise DataError(f"{name}: its card has more than {_LARGEST_CARD >> 20} MiB; export it again")
-    named = {field.name for field in fields(ModelCard)} & texts.keys()
+    kinds = {field.name: field.type for field in fields(kind)}
     try:
-        return _CARD.validate_python({entry: _value(entry, texts) for entry in named})
+        values = {entry: _value(entry, kinds[entry], texts) for entry in kinds.keys() & texts.keys()}
+        return _adapter(kind).validate_python(values)
     except pydantic.ValidationError as error:
         fault = first_fault(error)
     except ValueError as error:
         fault = str(error)
+    article = "an" if what[0] in "aeiou" else "a"
     raise DataError(
-        f"{name}: not an estimator of this version of exosight, its card says {fault}; export it again"
+        f"{name}: not {article} {what} of this version of exosight, its card says {fault}; export it again"
     )
 
 
-def _value(name: str, texts: dict[str, str]) -> object:
-    if ModelCard.__annotations__[name] is Text:
+@cache
+def _adapter(kind: type) -> pydantic.TypeAdapter:
+    return pydantic.TypeAdapter(kind)
+
+
+def _value(name: str, kind: object, texts: dict[str, str]) -> object:
+    if kind is Text:
         return texts[name]
     try:
         return pydantic_core.from_json(texts[name], allow_inf_nan=False)

@@ -22,6 +22,7 @@ def control(
     controller: Literal["proportional", GuardedName] = "proportional",
     lag: Late = 0.0,
     dead_time: Late = 0.0,
+    law: MaybePath = None,
     model: MaybePath = None,
     out: MaybePath = None,
     plot: Plot = None,
@@ -40,6 +41,7 @@ def control(
       exosight control --model results/light/model.onnx --out results/control
       exosight control --system examples/systems/thumb.toml --targets 0.2 0.3
       exosight control --system index --controller adaptive --model index-control
+      exosight control --system index --law index-policy
 
     Args:
         loop: what is driven
@@ -48,6 +50,8 @@ def control(
         controller: the paper's proportional law; the scheduled law behind its guard; or the adaptive one
         lag: of the actuators [s]: time in which they go 63 % of the way to a command
         dead_time: of the actuators [s]: time before anything of a command arrives
+        law: a learned policy, which corrects the command of the adaptive controller: a file, or
+            'index-policy', the package's own for index
         model: exported network, from `exosight train`, or 'shipped', the package's own for the system;
             without it the sensor is the true reading
         out: folder for time series (CSV), figures (SVG), results and configuration (JSON); it must not exist
@@ -56,6 +60,11 @@ def control(
     """
     check_json_target(json)
     check_plot(plot)
+    if law is not None and controller == "guarded":
+        raise InputError(
+            "control: expected the adaptive controller with --law, got guarded; leave --controller out"
+        )
+    controller = controller if law is None else "adaptive"
     if gains and controller != "proportional":
         raise InputError(
             f"control: expected --gains with the proportional law alone, got {controller}; leave them out"
@@ -81,6 +90,7 @@ def control(
         true_reading,
     )
     from exosight.control.estimator import model_name, model_path
+    from exosight.control.policy_file import LearnedPolicy, policy_path
     from exosight.control.valve import Valve
     from exosight.exosuit.assembly import Exosuit
     from exosight.exosuit.catalogue import find_system
@@ -89,6 +99,7 @@ def control(
     designs = find_system(loop.system)
     place = None if model is None else model_path(model, loop.system)
     proportional = controller == "proportional"
+    policy = None if law is None else LearnedPolicy.load(policy_path(law))
     valve = Valve(lag, dead_time)
     estimator = None if place is None else OnnxEstimator.load(place, history=proportional)
     driven = nominal_system(designs, Exosuit(CONTROL_SHAPE), estimator)
@@ -105,10 +116,11 @@ def control(
         else:
             sense = true_measurement if estimator is None else measurement_from(estimator)
             trials = run_guarded_with_progress(
-                driven, controller, sense, asked, loop.sensor, loop.channel, valve
+                driven, policy or controller, sense, asked, loop.sensor, loop.channel, valve
             )
         if folder is not None:
-            write_trials(trials, place and model_name(place), driven.camera, folder, controller)
+            name = controller if law is None else model_name(policy_path(law))
+            write_trials(trials, place and model_name(place), driven.camera, folder, name)
     if plot is not None:
         write_plot(plot_trials(trials), plot)
     show_or_write([trials_table(trials)], {"trials": summaries(trials)}, json)

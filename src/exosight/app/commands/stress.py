@@ -23,6 +23,7 @@ def stress(
     controllers: Annotated[tuple[ControllerName, ...], tyro.conf.arg(metavar="NAME …")] = ("guarded",),
     gains: Gains = None,
     loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = NOMINAL_LOOP,
+    law: MaybePath = None,
     model: MaybePath = None,
     causes: Annotated[int, Field(ge=0, le=1000)] = 0,
     save_worst: Annotated[int, Field(ge=0, le=1000)] = 0,
@@ -39,6 +40,7 @@ def stress(
       exosight stress --episodes 100
       exosight stress --system index --controllers oracle adaptive --gains
       exosight stress --suite 2 --system index --controllers oracle adaptive --gains --causes 40
+      exosight stress --system index --controllers adaptive learned --gains
       exosight stress --model results/light/model.onnx --out results/stress
       exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --no-wrong-plant
 
@@ -47,10 +49,13 @@ def stress(
         episodes: how many
         seed: seed of all that is drawn
         controllers: guarded: the scheduled law behind its guard; adaptive: observer, law and authority in
-            one; oracle: the bound, which feels the true force at once and knows plant and user
+            one; learned: the same with a learned correction of its command; unguarded: this with full
+            authority whatever it knows; oracle: the bound, which feels the true force at once and knows plant
+            and user
         gains: K_P of the paper's law [channel's unit per sensor's], one run each; none: only the
             controllers above; default: 5, the paper's, for F_net of the presets, otherwise half of
             what the steepest part of the path asks for
+        law: policy of the learned controller; default: 'index-policy', the package's own for index
         loop: what is driven; the `vary` tables of a system file are what may be wrong about it
         model: exported network, from `exosight train`, 'shipped', the package's own for the system, or
             'index-control', its own for closed loops;
@@ -70,14 +75,20 @@ def stress(
     # Here, so that --help and wrong options answer at once: JAX and Matplotlib take seconds to import.
     from exosight.app import stress as run
     from exosight.control.estimator import model_path
+    from exosight.control.policy_file import LearnedPolicy, policy_path
     from exosight.exosuit.catalogue import find_system
 
     model = None if model is None else model_path(model, loop.system)
+    learned = any(name in ("learned", "unguarded") for name in controllers)
+    if law is not None and not learned:
+        raise InputError("stress: expected the controller learned or unguarded with --law, got neither")
+    law = policy_path(law) if learned else None
+    policy = None if law is None else LearnedPolicy.load(law)
     plants, look = run.prepare(find_system(loop.system), model, loop.sensor, loop.channel)
     gains = (plants.gain,) if gains is None else gains
     with results_folder(out) as folder:
-        outcomes = run.run_stress(config, episodes, seed, controllers, gains, plants, look, causes)
-        found = run.results(outcomes, run.about(config, episodes, seed, gains, model, plants))
+        outcomes = run.run_stress(config, episodes, seed, controllers, gains, plants, look, causes, policy)
+        found = run.results(outcomes, run.about(config, episodes, seed, gains, model, plants, law))
         if folder is not None:
             run.write_stress(outcomes, found, folder)
         if folder is not None and model is not None and save_worst:
