@@ -33,7 +33,7 @@ Rng = np.random.Generator
 Plane = Float32[np.ndarray, "height width"]
 Mask = UInt8[np.ndarray, "height width"]
 
-CLEAN = 0.1
+CLEAN = 0.25
 """Share of the frames that stay as the renderer draws them, so that clean pictures are still read."""
 TILT, SHIFT, ROLL, ZOOM = 0.16, 0.035, 0.1, 0.1
 """Largest tilt each way [rad], shift [picture widths], roll [rad], enlargement [-]."""

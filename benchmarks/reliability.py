@@ -1,0 +1,133 @@
+"""Whether a network's probability of a large error follows its errors, and whether its causes are right.
+
+    python -m benchmarks.reliability --data FOLDER --model index index-photo
+
+reads clean pictures of a dataset that no network learned from (`exosight generate --system index --per-scenario 6
+--frames 20 --seed 902 --out FOLDER`), disturbed in ways that the calibration did not have, and writes
+docs/results/reliability.json. With --fit both are fitted anew, on the even designs, and written into the files;
+what is measured is on the odd ones in any case.
+"""
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from exosight.app.data import load
+from exosight.control.estimator import NAMED_MODELS, OnnxEstimator, Reading
+from exosight.dataset.frames import Frames, take
+from exosight.evaluation.ood_detection import auroc
+from exosight.learning.large_error import LIKELY, is_large
+from exosight.vision.disturbances import HELD_OUT_DISTURBANCES, disturbed
+
+RESULTS = Path(__file__).parents[1] / "docs" / "results" / "reliability.json"
+SEED = 50
+"""Of the disturbances; those that the classifier learned from have seeds from 0."""
+
+
+def fit(model: Path, frames: Frames) -> None:
+    """Probability and causes of a network's file, fitted anew."""
+    from exosight.learning import load_pretrained
+    from exosight.learning.causes import CAUSES
+    from exosight.learning.export import write_network
+    from exosight.learning.model_inputs import ModelInputs, stacked
+    from exosight.learning.pretrained import as_model
+    from exosight.learning.reliability import fit_reliability
+
+    pretrained = load_pretrained(model)
+    card = pretrained.card
+    images = stacked(frames.images, ModelInputs(commands=None))
+    import torch
+
+    commands = frames.commands if card.actuation else None
+    few = slice(None, 512)
+    own = as_model(
+        pretrained,
+        torch.from_numpy(images[few]).float() / 255,
+        None if commands is None else torch.from_numpy(commands[few]),
+    )
+    found = fit_reliability(own, pretrained.ood, card.schema, (images, commands), frames.labels)
+    card = replace(card, large_error=found.large_error, causes=CAUSES if found.causes else ())
+    write_network(model, own, pretrained.ood, card, found.causes)
+
+
+def measure(model: Path, frames: Frames) -> dict[str, Any]:
+    """By disturbance: errors, how they are flagged, what they are put down to."""
+    network = OnnxEstimator.load(model)
+    card = network.card
+    meant, weights = card.large_error, card.schema.weights("F_net")
+    assert meant is not None
+    sets = {"none": [("", frames.images)]}
+    for k, (cause, ways) in enumerate(HELD_OUT_DISTURBANCES.items()):
+        kinds = [(way.backgrounds + way.occlusions)[0] if way.backgrounds + way.occlusions else "" for way in ways]
+        sets[cause] = [
+            (kind, disturbed(frames.images, (way,), SEED + k)) for kind, way in zip(kinds, ways, strict=True)
+        ]
+    found: dict[str, Any] = {"large": meant.describe(card.schema), "sets": {}}
+    every: list[tuple[Reading, np.ndarray]] = []
+    for cause, parts in sets.items():
+        for kind, images in parts:
+            reading = network.read(images)
+            large = is_large(meant, card.schema, reading.forces, frames.labels)
+            every += [(reading, large)] * (1 if cause == "none" else 1)
+            found["sets"][f"{cause}: {kind}" if kind else cause] = _row(reading, large, frames.labels, weights, card.causes)
+    probability, score, width, large = (
+        np.concatenate(each)
+        for each in zip(
+            *((r.error_probability, r.ood_score, (r.high - r.low) @ weights, bad) for r, bad in every), strict=True
+        )
+    )
+    found["auroc"] = {
+        name: round(auroc(each[~large], each[large]), 3)
+        for name, each in (("probability", probability), ("width", width), ("ood", score))
+    }
+    edges = np.array([0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
+    bins = np.clip(np.searchsorted(edges, probability, side="right") - 1, 0, len(edges) - 2)
+    found["calibration"] = [
+        {"from": lo, "to": hi, "frames": int(own.sum()), "mean": round(float(probability[own].mean()), 3), "large": round(float(large[own].mean()), 3)}
+        for b, (lo, hi) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
+        if (own := bins == b).any()
+    ]
+    return found
+
+
+def _row(reading: Reading, large: np.ndarray, truth: np.ndarray, weights: np.ndarray, causes: tuple[str, ...]) -> dict[str, Any]:
+    flagged = reading.error_probability > LIKELY
+    row = {
+        "frames": len(truth),
+        "rmse_net": round(float(np.sqrt(np.mean(((reading.forces - truth) @ weights) ** 2))), 4),
+        "large": round(float(large.mean()), 3),
+        "flagged": round(float(flagged.mean()), 3),
+        "ood": round(float(np.mean(reading.ood_score > 1)), 3),
+    }
+    unusual = flagged | (reading.ood_score > 1)
+    if reading.causes is not None and unusual.any():
+        named = reading.causes[unusual].argmax(axis=1)
+        row["causes"] = {cause: round(float(np.mean(named == k)), 3) for k, cause in enumerate(causes)}
+    return row
+
+
+def main() -> None:
+    """Fit if asked, measure, write."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--data", type=Path, required=True)
+    parser.add_argument("--model", nargs="+", default=["index"])
+    parser.add_argument("--fit", action="store_true")
+    given = parser.parse_args()
+    frames = load(given.data).frames
+    even, odd = (take(frames, np.flatnonzero(frames.design % 2 == k)) for k in (0, 1))
+    found = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
+    for name in given.model:
+        path = NAMED_MODELS.get(name, Path(name))
+        if given.fit:
+            fit(path, even)
+        found[path.stem] = measure(path, odd)
+        print(json.dumps(found[path.stem], indent=1))
+    RESULTS.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
