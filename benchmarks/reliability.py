@@ -4,8 +4,10 @@
 
 reads clean pictures of a dataset that no network learned from (`exosight generate --system index --per-scenario 6
 --frames 20 --seed 902 --out FOLDER`), disturbed in ways that the calibration did not have, and writes
-docs/results/reliability.json. With --fit both are fitted anew, on the even designs, and written into the files;
-what is measured is on the odd ones in any case.
+docs/results/reliability.json; with --photos photo-like pictures as well (`--per-scenario 8 --seed 901 --photo`).
+With --fit FOLDER probability and causes are first fitted anew on the even designs of another dataset (for
+index-photo `--per-scenario 30 --frames 50 --seed 101 --photo`), or of the same one, and written into the network's
+file: what is measured are the odd designs.
 """
 
 import argparse
@@ -26,10 +28,14 @@ from exosight.vision.disturbances import HELD_OUT_DISTURBANCES, disturbed
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "reliability.json"
 SEED = 50
 """Of the disturbances; those that the classifier learned from have seeds from 0."""
+EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
+"""Of the probabilities that are tabled together."""
 
 
 def fit(model: Path, frames: Frames) -> None:
     """Probability and causes of a network's file, fitted anew."""
+    import torch
+
     from exosight.learning import load_pretrained
     from exosight.learning.causes import CAUSES
     from exosight.learning.export import write_network
@@ -40,8 +46,6 @@ def fit(model: Path, frames: Frames) -> None:
     pretrained = load_pretrained(model)
     card = pretrained.card
     images = stacked(frames.images, ModelInputs(commands=None))
-    import torch
-
     commands = frames.commands if card.actuation else None
     few = slice(None, 512)
     own = as_model(
@@ -54,15 +58,15 @@ def fit(model: Path, frames: Frames) -> None:
     write_network(model, own, pretrained.ood, card, found.causes)
 
 
-def measure(model: Path, frames: Frames) -> dict[str, Any]:
+def measure(model: Path, frames: Frames, photos: Frames | None) -> dict[str, Any]:
     """By disturbance: errors, how they are flagged, what they are put down to."""
     network = OnnxEstimator.load(model)
     card = network.card
     meant, weights = card.large_error, card.schema.weights("F_net")
     assert meant is not None
-    sets = {"none": [("", frames.images)]}
+    sets = {"undisturbed": [("", frames.images)]}
     for k, (cause, ways) in enumerate(HELD_OUT_DISTURBANCES.items()):
-        kinds = [(way.backgrounds + way.occlusions)[0] if way.backgrounds + way.occlusions else "" for way in ways]
+        kinds = ["".join(way.backgrounds + way.occlusions) for way in ways]
         sets[cause] = [
             (kind, disturbed(frames.images, (way,), SEED + k)) for kind, way in zip(kinds, ways, strict=True)
         ]
@@ -72,31 +76,44 @@ def measure(model: Path, frames: Frames) -> dict[str, Any]:
         for kind, images in parts:
             reading = network.read(images)
             large = is_large(meant, card.schema, reading.forces, frames.labels)
-            every += [(reading, large)] * (1 if cause == "none" else 1)
-            found["sets"][f"{cause}: {kind}" if kind else cause] = _row(reading, large, frames.labels, weights, card.causes)
-    probability, score, width, large = (
-        np.concatenate(each)
-        for each in zip(
-            *((r.error_probability, r.ood_score, (r.high - r.low) @ weights, bad) for r, bad in every), strict=True
-        )
-    )
-    found["auroc"] = {
-        name: round(auroc(each[~large], each[large]), 3)
-        for name, each in (("probability", probability), ("width", width), ("ood", score))
-    }
-    edges = np.array([0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0])
-    bins = np.clip(np.searchsorted(edges, probability, side="right") - 1, 0, len(edges) - 2)
+            every.append((reading, large))
+            name = f"{cause}: {kind}" if kind else cause
+            found["sets"][name] = _row(reading, large, frames.labels, weights, card.causes)
+    found["disturbed"] = _follows(every, weights)
+    if photos is not None:
+        reading = network.read(photos.images)
+        large = is_large(meant, card.schema, reading.forces, photos.labels)
+        found["photo-like"] = _follows([(reading, large)], weights)
+    return found
+
+
+def _follows(every: list[tuple[Reading, np.ndarray]], weights: np.ndarray) -> dict[str, Any]:
+    """AUROC of a large error by each sign of it, and the share of large errors by their probability."""
+    columns = ((r.error_probability, (r.high - r.low) @ weights, r.ood_score, bad) for r, bad in every)
+    probability, width, score, large = (np.concatenate(each) for each in zip(*columns, strict=True))
+    found: dict[str, Any] = {"frames": len(large), "large": round(float(large.mean()), 3)}
+    for name, each in (("probability", probability), ("width", width), ("ood", score)):
+        found[f"auroc_{name}"] = round(auroc(each[~large], each[large]), 3)
+    bins = np.minimum(np.searchsorted(EDGES, probability, side="right") - 1, len(EDGES) - 2)
     found["calibration"] = [
-        {"from": lo, "to": hi, "frames": int(own.sum()), "mean": round(float(probability[own].mean()), 3), "large": round(float(large[own].mean()), 3)}
-        for b, (lo, hi) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
-        if (own := bins == b).any()
+        {
+            "from": EDGES[b],
+            "to": EDGES[b + 1],
+            "frames": int(np.sum(bins == b)),
+            "probability": round(float(probability[bins == b].mean()), 3),
+            "large": round(float(large[bins == b].mean()), 3),
+        }
+        for b in np.unique(bins).tolist()
     ]
     return found
 
 
-def _row(reading: Reading, large: np.ndarray, truth: np.ndarray, weights: np.ndarray, causes: tuple[str, ...]) -> dict[str, Any]:
+def _row(
+    reading: Reading, large: np.ndarray, truth: np.ndarray, weights: np.ndarray, causes: tuple[str, ...]
+) -> dict[str, Any]:
+    assert reading.error_probability is not None
     flagged = reading.error_probability > LIKELY
-    row = {
+    row: dict[str, Any] = {
         "frames": len(truth),
         "rmse_net": round(float(np.sqrt(np.mean(((reading.forces - truth) @ weights) ** 2))), 4),
         "large": round(float(large.mean()), 3),
@@ -110,21 +127,28 @@ def _row(reading: Reading, large: np.ndarray, truth: np.ndarray, weights: np.nda
     return row
 
 
+def _half(folder: Path, part: int) -> Frames:
+    """The frames of every other design."""
+    frames = load(folder).frames
+    return take(frames, np.flatnonzero(frames.design % 2 == part))
+
+
 def main() -> None:
     """Fit if asked, measure, write."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--model", nargs="+", default=["index"])
-    parser.add_argument("--fit", action="store_true")
+    parser.add_argument("--photos", type=Path)
+    parser.add_argument("--fit", type=Path)
     given = parser.parse_args()
-    frames = load(given.data).frames
-    even, odd = (take(frames, np.flatnonzero(frames.design % 2 == k)) for k in (0, 1))
+    odd = _half(given.data, 1)
+    photos = load(given.photos).frames if given.photos else None
     found = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
     for name in given.model:
         path = NAMED_MODELS.get(name, Path(name))
         if given.fit:
-            fit(path, even)
-        found[path.stem] = measure(path, odd)
+            fit(path, _half(given.fit, 0))
+        found[path.stem] = measure(path, odd, photos)
         print(json.dumps(found[path.stem], indent=1))
     RESULTS.write_text(json.dumps(found, indent=1) + "\n")
 

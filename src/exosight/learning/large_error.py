@@ -61,12 +61,12 @@ class LargeError:
             raise ValueError("large_error: expected limits above 0")
 
     def describe(self, schema: Schema) -> str:
-        """What is meant by a large error, such as "F_net off by more than 0.05 N"."""
+        """What is meant by a large error, such as "an error of F_net above 0.05 N"."""
         parts = [
-            f"{name} off by more than {limit:g} {schema.sensor(name).unit}".rstrip()
+            f"{name} above {limit:g} {schema.sensor(name).unit}".rstrip()
             for name, limit in zip(self.sensors, self.limits, strict=True)
         ]
-        return parts[0] if len(parts) == 1 else "one of: " + ", ".join(parts)
+        return "an error of " + " or ".join(parts)
 
 
 def is_large(
@@ -91,12 +91,12 @@ def error_probability(
 
 def fit_large_error(
     schema: Schema,
-    usual: Values,
+    usual: Float[np.ndarray, "n outputs"],
     values: Values,
     expected_error: Values,
     truth: Values,
     ood_score: Float[np.ndarray, " frames"],
-    unrelated: tuple[Values, Float[np.ndarray, " others"]],
+    unrelated: tuple[Float[np.ndarray, "others outputs"], Float[np.ndarray, " others"]],
 ) -> LargeError:
     """From frames that were not learned from, as they are and disturbed, and images of other things.
 

@@ -203,7 +203,10 @@ def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
     import onnxruntime
 
     model = read_graph(data, name)
-    card = _read_card({entry.key: entry.value for entry in model.metadata_props}, name)
+    texts = {entry.key: entry.value for entry in model.metadata_props}
+    if not all(isinstance(text, str) for pair in texts.items() for text in pair):  # bytes if not UTF-8
+        raise DataError(f"{name}: its card is not text, it was changed; export it again")
+    card = _read_card(texts, name)
     check_graph(model, card.inputs, card.outputs, len(data), name)
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = threads
