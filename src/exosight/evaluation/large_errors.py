@@ -37,7 +37,7 @@ def large_error_table(
         shares = (100 * float(np.mean(x)) for x in (bad, p, p > likely))
         rows.append((name.replace("-", ", "), *shares, auroc(p[~bad], p[bad]) if enough else None))
     note = (
-        f"Large: {meant}. Flagged: its probability is above {100 * likely:g} %. AUROC: probability that a frame "
-        "with a large error has a higher probability of it than one without."
+        f"Large: {meant}. Flagged: its probability is above {100 * likely:g} %. AUROC: probability that a "
+        "frame with a large error has a higher probability of it than one without."
     )
     return Table("large_errors", "Large errors and their probability", columns, tuple(rows), note)

@@ -1,9 +1,9 @@
 """What is unusual about an image, by a linear classifier on the network's features and the OOD residual.
 
-The classifier learns from clean images of which each differs in one respect (`exosight.vision.disturbances`), or
-in none. Its inputs are the network's last features, and the mean squared residual of the OOD detector's
-reconstruction in 8×8 fields of the image: where an image is wrong says whether something lies before the
-device, behind it, or all of it has moved.
+The classifier learns from clean images of which each differs in one respect (`exosight.vision.disturbances`),
+or in none. Its inputs are the network's last features, and the mean squared residual of the OOD detector's
+reconstruction in 8×8 fields of the image: where the reconstruction fails says whether something lies before
+the device, behind it, or all of it has moved.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ _STEPS = 200
 
 
 class CauseClassifier(nn.Module):
-    """Probabilities of the causes from features and the residual of the OOD detector; the rest is no cause."""
+    """Probabilities of the causes from features and residual of the OOD detector; the rest is no cause."""
 
     def __init__(self, features: int, size: tuple[int, int], causes: int = len(CAUSES)):
         super().__init__()

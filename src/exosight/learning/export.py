@@ -18,8 +18,8 @@ from torch import Tensor, nn
 import exosight
 from exosight.errors import DataError, InputError
 from exosight.files import replace_file
-from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
 from exosight.learning.causes import CAUSES, CauseClassifier
+from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
 from exosight.learning.contact import contact_shift
 from exosight.learning.intervals import Widths, calibrate_intervals
 from exosight.learning.model_file import ModelCard, card_to_metadata, open_session, seal
@@ -99,9 +99,7 @@ def write_network(
 class _Deployed(nn.Module):
     """What goes into the file: the view, the answers, the OOD score, and what is unusual."""
 
-    def __init__(
-        self, model: SensorModel, ood: OodDetector, card: ModelCard, causes: CauseClassifier | None
-    ):
+    def __init__(self, model: SensorModel, ood: OodDetector, card: ModelCard, causes: CauseClassifier | None):
         super().__init__()
         self.model, self.ood, self.causes = model, ood, causes
         homography = torch.tensor(card.registration)
@@ -135,9 +133,7 @@ def _shift_contact(model: SensorModel, shift: Float[np.ndarray, " outputs"]) -> 
             last.bias[contact] += torch.from_numpy(shift).float()
 
 
-def _card(
-    checkpoint: Checkpoint, widths: Widths, ood_limit: float, reliability: Reliability
-) -> ModelCard:
+def _card(checkpoint: Checkpoint, widths: Widths, ood_limit: float, reliability: Reliability) -> ModelCard:
     run, best = checkpoint.run, checkpoint.history[checkpoint.position.best_epoch - 1]
     history, actuation = run.settings.history, run.settings.actuation
     order = ", the newest first" if history else ""

@@ -1,14 +1,14 @@
 """The probability that an estimate is far off, by logistic regression; without PyTorch.
 
-An OOD score says that an image is unusual, not that its estimate is wrong, and a network's expected error is
-of no account for images unlike the training data. Together, and calibrated on images of both kinds, they give
-one number that follows the error:
+An OOD score says that an image is unusual, not that its estimate is wrong, and a network's expected error
+does not hold for images unlike the training data. Together, calibrated on images of both kinds, they give one
+number that follows the error:
 
     P(e > limit) = σ(b + w₁ log(ê / limit) + w₂ log(max(s, 1)))
 
-e is the error of a sum of estimated sensors, such as F_net (of a sensor where a system has no such sum), ê the
-error that the network expects, s the OOD score as a share of its limit. Of several sums the largest share of
-its limit counts.
+e is the error of a sum of estimated sensors, such as F_net (of a sensor where a system has no such sum), ê
+the error that the network expects, s the OOD score as a share of its limit. Of several sums the largest share
+of its limit counts.
 
 Source: Hendrycks and Gimpel, A baseline for detecting misclassified and out-of-distribution examples,
 arXiv 1610.02136; calibration as in Platt, Probabilistic outputs for support vector machines, 1999.
@@ -69,9 +69,7 @@ class LargeError:
         return "an error of " + " or ".join(parts)
 
 
-def is_large(
-    meant: LargeError, schema: Schema, values: Values, truth: Values
-) -> Bool[np.ndarray, " frames"]:
+def is_large(meant: LargeError, schema: Schema, values: Values, truth: Values) -> Bool[np.ndarray, " frames"]:
     """Whether the error of each frame is large."""
     weights = _weights(schema, meant.sensors)
     return (np.abs((values - truth) @ weights) > np.array(meant.limits)).any(axis=1)
@@ -100,8 +98,8 @@ def fit_large_error(
 ) -> LargeError:
     """From frames that were not learned from, as they are and disturbed, and images of other things.
 
-    usual          (n, outputs)   true values that say how far what is estimated spreads [their units]
-    unrelated      expected errors and OOD scores of images without the system, whose errors all count as large
+    usual       (n, outputs)   true values that say how far what is estimated spreads [their units]
+    unrelated   expected errors and OOD scores of images without the system, whose errors all count as large
     """
     sums = [s.name for s in schema.sensors if s.parts and s.name in schema.controllable]
     spread = {name: float(np.std(usual @ schema.weights(name))) for name in sums or schema.outputs}
@@ -109,10 +107,7 @@ def fit_large_error(
     limits = tuple(_round(SHARE * max(each, least)) for each in spread.values())
     meant = LargeError(tuple(spread), limits, 0.0, 0.0, 0.0)
     given = np.concatenate(
-        [
-            _given(schema, meant.sensors, limits, *each)
-            for each in ((expected_error, ood_score), unrelated)
-        ]
+        [_given(schema, meant.sensors, limits, *each) for each in ((expected_error, ood_score), unrelated)]
     )
     large = np.append(is_large(meant, schema, values, truth), np.ones(len(unrelated[1]), bool))
     weights = _fit(given, large)

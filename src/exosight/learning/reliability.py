@@ -77,7 +77,9 @@ def _unrelated(size: tuple[int, ...], commands: Float32[np.ndarray, "frames chan
     height, width = size
     kinds = [kind for kind in OOD_KINDS if kind in UNRELATED]
     images = np.concatenate([draw_ood_images(kind, _OF_A_KIND, 0, width, height) for kind in kinds])
-    return images[:, None], None if commands is None else np.resize(commands, (len(images), commands.shape[1]))
+    return images[:, None], None if commands is None else np.resize(
+        commands, (len(images), commands.shape[1])
+    )
 
 
 def _judged(model: SensorModel, ood: OodDetector, seen: Inputs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -19,8 +19,8 @@ from exosight.errors import InputError
 from exosight.learning.adaptation.labelled import Labelled, features, folds, joined
 from exosight.learning.adaptation.methods import FEWEST_FOR_ALL, METHODS, Method, fit
 from exosight.learning.adaptation.view import View, through
-from exosight.learning.intervals import Widths, calibrate_intervals
 from exosight.learning.causes import CauseClassifier
+from exosight.learning.intervals import Widths, calibrate_intervals
 from exosight.learning.large_error import LargeError
 from exosight.learning.model_file import ModelCard
 from exosight.learning.networks import SensorModel, build_network
@@ -259,7 +259,6 @@ def _start(
         nonnegative(schema),
         torch.tensor(offsets, dtype=torch.float32) if offsets else None,
     ).eval()
-
 
 
 def _read(
