@@ -163,8 +163,7 @@ def tables() -> dict[Path, dict[str, str]]:
             "photographs": photograph_table(json.loads(PHOTOGRAPHS.read_text())),
             "trust": trust_table(reliability),
             "calibration": calibration_of_trust_table(reliability),
-            "causes-index": cause_table(reliability["index"]),
-            "causes-photo": cause_table(reliability["index-photo"]),
+            "causes": cause_table(reliability["index"]),
         },
     }
 
