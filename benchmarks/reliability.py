@@ -22,12 +22,16 @@ from exosight.app.data import load
 from exosight.control.estimator import NAMED_MODELS, OnnxEstimator, Reading
 from exosight.dataset.frames import Frames, take
 from exosight.evaluation.ood_detection import auroc
+from exosight.learning.causes import UNRELATED
 from exosight.learning.large_error import LIKELY, is_large
 from exosight.vision.disturbances import HELD_OUT_DISTURBANCES, disturbed
+from exosight.vision.ood_images import OOD_KINDS, draw_ood_images
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results" / "reliability.json"
 SEED = 50
 """Of the disturbances; those that the classifier learned from have seeds from 0."""
+OTHERS = 200
+"""Images of each kind without the device."""
 EDGES = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 """Of the probabilities that are tabled together."""
 
@@ -80,6 +84,15 @@ def measure(model: Path, frames: Frames, photos: Frames | None) -> dict[str, Any
             name = f"{cause}: {kind}" if kind else cause
             found["sets"][name] = _row(reading, large, frames.labels, weights, card.causes)
     found["disturbed"] = _follows(every, weights)
+    found["other things"] = {}
+    for kind in sorted(set(OOD_KINDS) - set(UNRELATED)):
+        reading = network.read(draw_ood_images(kind, OTHERS, SEED, *card.schema.image_size[::-1]))
+        assert reading.error_probability is not None
+        flagged = round(float(np.mean(reading.error_probability > LIKELY)), 3)
+        found["other things"][kind] = {
+            "flagged": flagged,
+            "ood": round(float(np.mean(reading.ood_score > 1)), 3),
+        }
     if photos is not None:
         reading = network.read(photos.images)
         large = is_large(meant, card.schema, reading.forces, photos.labels)

@@ -146,7 +146,7 @@ def cause_table(found: dict[str, Any]) -> str:
     rows = []
     for name, of in found["sets"].items():
         shares = of.get("causes")
-        cells = ["–"] * 5 if shares is None else [f"{100 * share:.0f}" for share in shares.values()]
+        cells = ["–"] * 6 if shares is None else [f"{100 * share:.0f}" for share in shares.values()]
         rows.append((name, *(f"{100 * of[key]:.0f}" for key in ("large", "flagged", "ood")), *cells))
     names = next(of["causes"] for of in found["sets"].values() if "causes" in of)
     return table_of(("images", "large errors", "flagged", "OOD score above 1", *names), rows)

@@ -12,13 +12,21 @@ from cards import made_up
 from exosight.control.estimator import OnnxEstimator
 from exosight.control.trust import trust
 from exosight.learning import load_pretrained
-from exosight.learning.causes import CAUSES, CauseClassifier, disturbed_sets, fit_causes
+from exosight.learning.causes import (
+    CAUSES,
+    UNRELATED,
+    CauseClassifier,
+    fit_causes,
+    training_sets,
+    unrelated,
+)
 from exosight.learning.export import write_network
-from exosight.learning.large_error import LargeError, error_probability
+from exosight.learning.large_error import NOT_SHOWN, LargeError, error_probability
 from exosight.learning.networks import SensorModel, build_network
 from exosight.learning.ood import OodDetector, fit_ood_detector
 from exosight.learning.pretrained import as_model
 from exosight.vision.disturbances import HELD_OUT_DISTURBANCES, disturbed, is_clean
+from exosight.vision.ood_images import OOD_KINDS
 from exosight.vision.renderer import BACKGROUND
 
 SIZE = 64
@@ -49,7 +57,7 @@ def ood(model: SensorModel) -> OodDetector:
 
 @pytest.fixture(scope="module")
 def causes(model: SensorModel, ood: OodDetector) -> CauseClassifier:
-    return fit_causes(model, ood, disturbed_sets(pictures(200, 1), 0))
+    return fit_causes(model, ood, training_sets(pictures(200, 1), 0))
 
 
 def test_each_disturbance_is_found_on_other_pictures(
@@ -67,6 +75,23 @@ def test_each_disturbance_is_found_on_other_pictures(
         assert (found.sum(1) < 1 + 1e-6).all()
         # By chance a sixth; a standard error is 0.06.
         assert float((found.argmax(1) == k).float().mean()) > 0.5, name
+
+
+def test_images_of_other_things_are_found(
+    model: SensorModel, ood: OodDetector, causes: CauseClassifier
+) -> None:
+    kinds = [kind for kind in OOD_KINDS if kind not in UNRELATED]
+    others = torch.from_numpy(unrelated(20, (SIZE, SIZE), 8, kinds)[:, None]).float() / 255
+    own = torch.from_numpy(pictures(60, 7)[:, None]).float() / 255
+    place = CAUSES.index(NOT_SHOWN)
+    with torch.inference_mode():
+        found, usual = (
+            causes(features, ood.residual(part, features))[:, place]
+            for part, features in ((x, model.network.features(x)) for x in (others, own))
+        )
+    # Of kinds that it has not learned: most of them, and none of its own.
+    assert float((found > 0.5).float().mean()) > 0.5
+    assert float(usual.max()) < 0.5
 
 
 def test_a_disturbance_depends_on_seed_and_number_alone() -> None:
@@ -98,14 +123,18 @@ def test_a_file_keeps_causes_and_probability(
     assert reading.causes is not None
     # Float32 after a few hundred terms, as in `exosight.learning.export`.
     np.testing.assert_allclose(reading.causes, expected, atol=1e-4)
-    probable = error_probability(LARGE, card.schema, error, reading.ood_score)
+    shown = 1 - expected[:, CAUSES.index(NOT_SHOWN)]
+    probable = 1 - shown * (1 - error_probability(LARGE, card.schema, error, reading.ood_score))
+    assert reading.error_probability is not None
     np.testing.assert_allclose(reading.error_probability, probable, atol=1e-4)
     judged = trust(card, reading)
     assert judged.flagged == (probable[0] > 0.5)
     assert f"{100 * probable[0]:.0f} % of an error of F_net above 0.05 N" in judged.words
     # What is read from a file can be written again.
     write_network(again, as_model(pretrained, part, None), pretrained.ood, card, pretrained.causes)
-    np.testing.assert_allclose(OnnxEstimator.load(again).read(images).causes, reading.causes, atol=1e-4)
+    reread = OnnxEstimator.load(again).read(images).causes
+    assert reread is not None
+    np.testing.assert_allclose(reread, reading.causes, atol=1e-4)
 
 
 def test_a_card_without_either_falls_back_on_the_ood_score(

@@ -12,7 +12,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from exosight.errors import DataError, InputError
 from exosight.learning.intervals import interval
-from exosight.learning.large_error import error_probability
+from exosight.learning.large_error import NOT_SHOWN, error_probability
 from exosight.learning.model_file import OUTPUTS, ModelCard, images_at_once, open_model
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.outputs import nonnegative
@@ -256,6 +256,8 @@ class OnnxEstimator:
         likely = None
         if card.large_error:
             likely = error_probability(card.large_error, card.schema, expected_error, ood_score)
+            if NOT_SHOWN in card.causes:  # then whatever is estimated is wrong
+                likely = 1 - (1 - likely) * (1 - causes[:, card.causes.index(NOT_SHOWN)])
             likely = likely.astype(np.float32)
         beside = likely, np.clip(causes, 0, 1) if card.causes else None
         return {

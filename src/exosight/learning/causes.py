@@ -6,17 +6,24 @@ reconstruction in 8×8 fields of the image: where the reconstruction fails says 
 the device, behind it, or all of it has moved.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from jaxtyping import Float, Int, UInt8
 from torch import Tensor, nn
 
+from exosight.learning.large_error import NOT_SHOWN
 from exosight.learning.networks import SensorModel
 from exosight.learning.ood import OodDetector, batches
 from exosight.vision.disturbances import DISTURBANCES, disturbed
+from exosight.vision.ood_images import draw_ood_images
 
-CAUSES = tuple(DISTURBANCES)
-"""What an image may differ in, in the order of the classifier's answers."""
+CAUSES = (*DISTURBANCES, NOT_SHOWN)
+"""What may be unusual about an image, in the order of the classifier's answers."""
+
+UNRELATED = ("plain", "speckle", "clouds", "shapes")
+"""Kinds of image without the system to learn from; the others of OOD_KINDS are for tests."""
 
 EACH = 512
 """Images with each disturbance to learn from; a network with fewer clean ones has no classifier."""
@@ -55,7 +62,7 @@ class CauseClassifier(nn.Module):
 def fit_causes(
     model: SensorModel, ood: OodDetector, sets: list[UInt8[np.ndarray, "_ height width"]]
 ) -> CauseClassifier:
-    """From images as they are, and with each of the causes, in this order."""
+    """From images as they are, and with each of the causes, in this order (see `training_sets`)."""
     size = sets[0].shape[1:]
     parts = []
     with torch.inference_mode():
@@ -70,11 +77,20 @@ def fit_causes(
     return found.eval()
 
 
-def disturbed_sets(
+def training_sets(
     images: UInt8[np.ndarray, "frames height width"], seed: int
-) -> list[UInt8[np.ndarray, "frames height width"]]:
-    """Clean images as they are, and with each of the causes."""
-    return [images, *(disturbed(images, ways, seed + k) for k, ways in enumerate(DISTURBANCES.values()))]
+) -> list[UInt8[np.ndarray, "_ height width"]]:
+    """Clean images as they are, and with each of the causes; about as many images of other things."""
+    changed = [disturbed(images, ways, seed + k) for k, ways in enumerate(DISTURBANCES.values())]
+    return [images, *changed, unrelated(-(-len(images) // len(UNRELATED)), images.shape[1:], seed)]
+
+
+def unrelated(
+    count: int, size: tuple[int, ...], seed: int, kinds: Sequence[str] = UNRELATED
+) -> UInt8[np.ndarray, "images height width"]:
+    """So many images of each kind without the system."""
+    height, width = size
+    return np.concatenate([draw_ood_images(kind, count, seed, width, height) for kind in kinds])
 
 
 def _fit(linear: nn.Linear, given: Float[Tensor, "frames given"], kind: Int[Tensor, " frames"]) -> None:

@@ -29,6 +29,9 @@ SHARE = 0.2
 LIKELY = 0.5
 """Probability of a large error above which an estimate is flagged."""
 
+NOT_SHOWN = "device not shown"
+"""The cause of unusual images of other things: whatever is estimated from them is wrong."""
+
 _STEPS = 50  # Newton's method takes some ten
 _RIDGE = 1e-3  # of one frame: keeps the weights finite where all errors are small, or all large
 _LEAST = 1e-9
@@ -72,7 +75,7 @@ class LargeError:
 def is_large(meant: LargeError, schema: Schema, values: Values, truth: Values) -> Bool[np.ndarray, " frames"]:
     """Whether the error of each frame is large."""
     weights = _weights(schema, meant.sensors)
-    return (np.abs((values - truth) @ weights) > np.array(meant.limits)).any(axis=1)
+    return np.max(np.abs((values - truth) @ weights) / np.array(meant.limits), axis=1) > 1
 
 
 def error_probability(

@@ -124,7 +124,7 @@ class ModelCard:
     def outputs(self) -> dict[str, list[int]]:
         """Outputs of the network by name, and their shape after the batch."""
         one = [len(self.schema.outputs)]
-        found = dict(zip(OUTPUTS, (one, one, one, []), strict=True))
+        found: dict[str, list[int]] = dict(zip(OUTPUTS, (one, one, one, []), strict=True))
         return found | {CAUSES: [len(self.causes)]} if self.causes else found
 
     @property

@@ -122,8 +122,8 @@ def _classifier(arrays: Mapping[str, np.ndarray], card: ModelCard, path: Path) -
     ):
         raise DataError(f"{path}: its causes are not those of an estimator of exosight; export it again")
     with torch.no_grad():
-        found.linear.weight.copy_(torch.from_numpy(weight))
-        found.linear.bias.copy_(torch.from_numpy(bias))
+        found.linear.weight.copy_(torch.from_numpy(weight.copy()))
+        found.linear.bias.copy_(torch.from_numpy(bias.copy()))
     return found.eval()
 
 

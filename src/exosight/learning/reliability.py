@@ -10,19 +10,15 @@ import numpy as np
 import torch
 from jaxtyping import Float32
 
-from exosight.learning.causes import EACH, CauseClassifier, disturbed_sets, fit_causes
+from exosight.learning.causes import EACH, CauseClassifier, fit_causes, training_sets, unrelated
 from exosight.learning.large_error import LargeError, fit_large_error
 from exosight.learning.networks import SensorModel
 from exosight.learning.ood import Inputs, OodDetector, batches
 from exosight.system.schema import Schema
 from exosight.vision.disturbances import is_clean
-from exosight.vision.ood_images import OOD_KINDS, draw_ood_images
 
 FEWEST = 100
 """Frames below which no probability is fitted."""
-
-UNRELATED = ("plain", "speckle", "clouds", "shapes")
-"""Kinds of image without the system that it is fitted on; the others of OOD_KINDS test it."""
 
 _OF_A_KIND = 32
 
@@ -56,9 +52,9 @@ def fit_reliability(
     kept = np.arange(len(images))
     if len(clean) >= EACH:
         picked = rng.choice(clean, EACH, replace=False)
-        sets = disturbed_sets(images[picked, 0], 0)
+        sets = training_sets(images[picked, 0], 0)
         causes = fit_causes(model, ood, sets)
-        changed = sets[1:]
+        changed = sets[1:-1]
         parts = [_judged(model, ood, (each[:, None], None)) for each in changed]
         truth = [labels[picked]] * len(changed)
         kept = rng.permutation(kept)[: EACH * len(changed)]
@@ -66,20 +62,15 @@ def fit_reliability(
     parts.append(_judged(model, ood, usual))
     truth.append(labels[kept])
     values, error, score = (np.concatenate(each) for each in zip(*parts, strict=True))
-    _, *unrelated = _judged(model, ood, _unrelated(images.shape[2:], commands))
+    others = error[:0], score[:0]
+    if causes is None:  # which tells by itself that the device is not shown
+        pictures = unrelated(_OF_A_KIND, images.shape[2:], 0)[:, None]
+        loads = None if commands is None else np.resize(commands, (len(pictures), commands.shape[1]))
+        _, *others = _judged(model, ood, (pictures, loads))
     large_error = fit_large_error(
-        schema, labels, values, error, np.concatenate(truth), score, (unrelated[0], unrelated[1])
+        schema, labels, values, error, np.concatenate(truth), score, (others[0], others[1])
     )
     return Reliability(large_error, causes)
-
-
-def _unrelated(size: tuple[int, ...], commands: Float32[np.ndarray, "frames channels"] | None) -> Inputs:
-    height, width = size
-    kinds = [kind for kind in OOD_KINDS if kind in UNRELATED]
-    images = np.concatenate([draw_ood_images(kind, _OF_A_KIND, 0, width, height) for kind in kinds])
-    return images[:, None], None if commands is None else np.resize(
-        commands, (len(images), commands.shape[1])
-    )
 
 
 def _judged(model: SensorModel, ood: OodDetector, seen: Inputs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
