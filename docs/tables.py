@@ -86,6 +86,7 @@ def photograph_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
         "zones r",
         "C7 r",
         "inside [%]",
+        "large errors [%]",
         "flagged [%]",
     )
     rows = [
@@ -98,13 +99,16 @@ def photograph_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
                 f"{of['r_zones']:.3f}",
                 f"{of['r_last']:.2f}".replace("-0.00", "0.00"),
             ),
-            *(f"{100 * of['held']:.0f}", f"{100 * of['flagged']:.0f}"),
-            *("–" if of[name] is None else f"{of[name]:.2f}" for name in ("auroc", "auroc_width")),
+            *(f"{100 * of[name]:.0f}" for name in ("held", "large", "flagged")),
+            *(
+                "–" if of[name] is None else f"{of[name]:.2f}"
+                for name in ("auroc_probability", "auroc_width", "auroc")
+            ),
         )
         for network, kinds in found.items()
         for kind, of in kinds.items()
     ]
-    return table_of((*head, "AUROC: OOD score", "AUROC: interval"), rows)
+    return table_of((*head, "AUROC: probability", "interval", "OOD score"), rows)
 
 
 def trust_table(found: dict[str, dict[str, Any]]) -> str:
