@@ -23,6 +23,7 @@ from exosight.dataset.frames import Frames, take
 from exosight.dataset.simulation import simulate_designs
 from exosight.evaluation.metrics import score
 from exosight.evaluation.ood_detection import auroc
+from exosight.learning.large_error import LIKELY
 from exosight.system.camera import Camera
 from exosight.system.observation import body_axes
 from exosight.vision.photo import photo
@@ -106,6 +107,8 @@ def measure(model: Path, folder: Path) -> dict[str, Any]:
         large = np.abs(error) > LARGE
         both = large.any() and not large.all()
         width = (reading.high - reading.low) @ schema.weights("F_net")
+        probable = reading.error_probability
+        assert probable is not None
         found[name] = {
             "frames": len(shown),
             "r_net": round(scores.sums[0].r, 4),
@@ -114,7 +117,11 @@ def measure(model: Path, folder: Path) -> dict[str, Any]:
             "r_last": round(scores.outputs[-1].r, 4),
             "held": round(float(held[above].mean()), 3),
             "held_all": round(float(held.mean()), 3),
-            "flagged": round(float(np.mean(reading.ood_score > 1)), 3),
+            "large": round(float(large.mean()), 3),
+            "probability": round(float(probable.mean()), 3),
+            "flagged": round(float(np.mean(probable > LIKELY)), 3),
+            "ood": round(float(np.mean(reading.ood_score > 1)), 3),
+            "auroc_probability": round(auroc(probable[~large], probable[large]), 3) if both else None,
             "auroc": round(auroc(reading.ood_score[~large], reading.ood_score[large]), 3) if both else None,
             "auroc_width": round(auroc(width[~large], width[large]), 3) if both else None,
         }

@@ -14,6 +14,7 @@ from exosight.control.estimator import DEFAULT_MODEL
 HERE = Path(__file__).parent
 BENCH = HERE / "results" / "bench.json"
 PHOTOGRAPHS = HERE / "results" / "photographs.json"
+RELIABILITY = HERE / "results" / "reliability.json"
 
 TITLES = {
     "equilibria": "Equilibria of the exosuit on a finger",
@@ -85,6 +86,7 @@ def photograph_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
         "zones r",
         "C7 r",
         "inside [%]",
+        "large errors [%]",
         "flagged [%]",
     )
     rows = [
@@ -97,22 +99,76 @@ def photograph_table(found: dict[str, dict[str, dict[str, Any]]]) -> str:
                 f"{of['r_zones']:.3f}",
                 f"{of['r_last']:.2f}".replace("-0.00", "0.00"),
             ),
-            *(f"{100 * of['held']:.0f}", f"{100 * of['flagged']:.0f}"),
-            *("–" if of[name] is None else f"{of[name]:.2f}" for name in ("auroc", "auroc_width")),
+            *(f"{100 * of[name]:.0f}" for name in ("held", "large", "flagged")),
+            *(
+                "–" if of[name] is None else f"{of[name]:.2f}"
+                for name in ("auroc_probability", "auroc_width", "auroc")
+            ),
         )
         for network, kinds in found.items()
         for kind, of in kinds.items()
     ]
-    return table_of((*head, "AUROC: OOD score", "AUROC: interval"), rows)
+    return table_of((*head, "AUROC: probability", "interval", "OOD score"), rows)
+
+
+def trust_table(found: dict[str, dict[str, Any]]) -> str:
+    """How well each sign of a large error tells where it is."""
+    head = ("network", "images", "large errors [%]", "AUROC: probability", "interval", "OOD score")
+    rows = [
+        (
+            *(f"`{network}`", kind, f"{100 * of[kind]['large']:.0f}"),
+            *(f"{of[kind][f'auroc_{name}']:.2f}" for name in ("probability", "width", "ood")),
+        )
+        for network, of in found.items()
+        for kind in ("disturbed", "photo-like")
+        if kind in of
+    ]
+    return table_of(head, rows)
+
+
+def calibration_of_trust_table(found: dict[str, dict[str, Any]]) -> str:
+    """The share of large errors among frames of about the same probability of one."""
+    columns = [
+        (network, kind) for network, of in found.items() for kind in ("disturbed", "photo-like") if kind in of
+    ]
+    edges = sorted(
+        {(b["from"], b["to"]) for network, kind in columns for b in found[network][kind]["calibration"]}
+    )
+    head = ("probability", *(f"`{network}`, {kind} [%]" for network, kind in columns))
+    rows = []
+    for low, high in edges:
+        cells = []
+        for network, kind in columns:
+            own = [b for b in found[network][kind]["calibration"] if b["from"] == low]
+            cells.append(f"{100 * own[0]['large']:.0f} of {own[0]['frames']}" if own else "–")
+        rows.append((f"{100 * low:.0f} to {100 * high:.0f} %", *cells))
+    return table_of(head, rows)
+
+
+def cause_table(found: dict[str, Any]) -> str:
+    """What unusual images of one network are put down to, in percent of them."""
+    rows = []
+    for name, of in found["sets"].items():
+        shares = of.get("causes")
+        cells = ["–"] * 6 if shares is None else [f"{100 * share:.0f}" for share in shares.values()]
+        rows.append((name, *(f"{100 * of[key]:.0f}" for key in ("large", "flagged", "ood")), *cells))
+    names = next(of["causes"] for of in found["sets"].values() if "causes" in of)
+    return table_of(("images", "large errors", "flagged", "OOD score above 1", *names), rows)
 
 
 def tables() -> dict[Path, dict[str, str]]:
     """The tables of each page, by the name of their place."""
     found = json.loads(BENCH.read_text()) if BENCH.exists() else None
+    reliability = json.loads(RELIABILITY.read_text())
     return {
         HERE / "benchmarks.md": {"bench": bench_tables(found)},
         HERE / "matlab.md": {"onnx": onnx_table(DEFAULT_MODEL)},
-        HERE / "photographs.md": {"photographs": photograph_table(json.loads(PHOTOGRAPHS.read_text()))},
+        HERE / "photographs.md": {
+            "photographs": photograph_table(json.loads(PHOTOGRAPHS.read_text())),
+            "trust": trust_table(reliability),
+            "calibration": calibration_of_trust_table(reliability),
+            "causes": cause_table(reliability["index"]),
+        },
     }
 
 

@@ -454,7 +454,7 @@ def test_a_part_of_an_image_of_other_proportions_is_estimated(
         page.keyboard.press("+")
         page.keyboard.press("-")
     page.get_by_role("button", name="Estimate this crop").click()
-    expect(page.locator("#verdict")).to_contain_text("within the training distribution", timeout=SOON)
+    expect(page.locator("#verdict")).to_contain_text("of an error of F_net above 0.05 N", timeout=SOON)
     estimated = float(page.locator("#verdict").inner_text().split()[1])
     assert estimated == pytest.approx(net_force(lab, lab.start), abs=0.03)
 
@@ -471,7 +471,7 @@ def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page
             [name, list(data)],
         )
         page.dispatch_event("#drop", "drop", {"dataTransfer": dropped})
-        words = "within the training distribution" if name == "pose.png" else "Do not trust these estimates"
+        words = "of an error of F_net above 0.05 N" if name == "pose.png" else "Do not trust these"
         expect(page.locator("#verdict")).to_contain_text(words, timeout=SOON)
     page.locator("#file").set_input_files(
         {"name": "bad.png", "mimeType": "image/png", "buffer": b"not a picture"}

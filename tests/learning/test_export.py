@@ -109,7 +109,7 @@ def test_a_network_that_answers_otherwise_is_not_written(
     def wrong(deployed: torch.nn.Module, card) -> onnx.ModelProto:
         other = build_network("light", card.schema, 2, 9).eval()
         model = SensorModel(other, deployed.model.scale, nonnegative(card.schema))
-        return convert(export._Deployed(model, deployed.ood, card).eval(), card)
+        return convert(export._Deployed(model, deployed.ood, card, None).eval(), card)
 
     monkeypatch.setattr(export, "_convert", wrong)
     with pytest.raises(DataError, match="differs from the trained one"):

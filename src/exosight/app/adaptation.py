@@ -175,7 +175,7 @@ def adapt(
         seed=seed,
         progress=progress,
     )
-    write_network(folder / name, found.model, found.ood, found.card)
+    write_network(folder / name, found.model, found.ood, found.card, found.causes)
     return Adapted(
         frames.schema,
         len(chosen),

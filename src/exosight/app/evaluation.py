@@ -37,10 +37,12 @@ from exosight.evaluation import (
     score,
     sensor_table,
 )
+from exosight.evaluation.large_errors import large_error_table
 from exosight.evaluation.naming import forces_only, kind, span
 from exosight.evaluation.robustness import CLEAN
 from exosight.files import as_csv, write_new_file
 from exosight.learning.intervals import LEVELS
+from exosight.learning.large_error import LIKELY, LargeError, is_large
 from exosight.system.schema import Schema, schema_to_dict
 from exosight.vision.corruptions import CORRUPTIONS, corrupt
 
@@ -71,6 +73,8 @@ class Evaluation:
     """Of the clean images, at every level."""
     ood: tuple[OodDetection, ...]
     """Held-out changes and images of other things."""
+    large_error: LargeError | None
+    """What the network means by a large error; None if it does not say how probable one is."""
     baselines: dict[str, Scores]
     """What is known of the same frames without an image; empty for another dataset."""
 
@@ -115,6 +119,7 @@ class Evaluation:
             interval_table("intervals", "Intervals, clean images", self.intervals),
             calibration_table("calibration", "Calibration error of the intervals", self.intervals),
             ood_detection_table("ood", "Out-of-distribution images", self.ood),
+            *self._large_errors(),
         )
 
     @property
@@ -125,6 +130,17 @@ class Evaluation:
     @property
     def _span(self) -> str:
         return span(self.schema.outputs)
+
+    def _large_errors(self) -> tuple[Table, ...]:
+        meant = self.large_error
+        if meant is None:
+            return ()
+        cases = {
+            name: (reading.error_probability, is_large(meant, self.schema, reading.forces, self.true))
+            for name, reading in self.readings.items()
+            if reading.error_probability is not None
+        }
+        return (large_error_table(meant.describe(self.schema), LIKELY, cases),)
 
     def _shifts(self) -> Table:
         """Whether intervals hold on degraded images, and how many of these are flagged."""
@@ -184,6 +200,7 @@ def evaluate(estimator: OnnxEstimator, data: Data, seed: int) -> Evaluation:
             readings={CLEAN: usual, **degraded},
             intervals=evaluate_intervals(schema, true, usual.forces, ends),
             ood=evaluate_ood_detection(ood, images, usual.ood_score, seed),
+            large_error=card.large_error,
             baselines=_baselines(estimator, data) if len(index) < len(frames) else {},
         )
 

@@ -49,6 +49,8 @@ class ObservationLog(Log):
                 self._config.schema.estimated, reading.forces[0], reading.low[0], reading.high[0], strict=True
             )
         ]
+        if reading.error_probability is not None:
+            words.append(f"probability of a large error {100 * reading.error_probability[0]:.0f} %")
         if step.state is not State.NORMAL:
             words.append(f"{WORDS[step.state]}: {step.problem.cause if step.problem else 'until now'}")
         return ", ".join(words)
@@ -73,6 +75,9 @@ class ObservationLog(Log):
                         )
                     },
                     "ood_score": shown_score(reading.ood_score[0]),
+                    "error_probability": None
+                    if reading.error_probability is None
+                    else round(float(reading.error_probability[0]), 4),
                 }
                 for time, reading in zip(self._read_at, self.readings, strict=True)
             ],

@@ -15,6 +15,7 @@ from exosight.control.replay import Replay
 from exosight.control.trials import Trial
 from exosight.evaluation.figures import Curve, Panel, curves, to_bytes
 from exosight.files import write_new_file
+from exosight.learning.large_error import LIKELY
 from exosight.system.motion import SystemMotion
 from exosight.system.schema import Schema
 from exosight.system.simulation import SystemStates
@@ -168,13 +169,21 @@ def plot_replay(recorded: Recording, again: Replay) -> Figure:
 
 
 def plot_estimates(schema: Schema, readings: Sequence[Reading]) -> Figure:
-    """Each estimated sensor with its interval, and the OOD score, over the number of the picture."""
+    """Each estimated sensor with its interval over the number of the picture, and whether to trust it.
+
+    The last is the probability of a large error, or of networks without it the OOD score.
+    """
     number = np.arange(1.0, len(readings) + 1)
     values, low, high = (
         np.concatenate(parts).astype(float)
         for parts in zip(*((r.forces, r.low, r.high) for r in readings), strict=True)
     )
-    score = np.concatenate([reading.ood_score for reading in readings]).astype(float)
+    probable = [reading.error_probability for reading in readings]
+    known = [each for each in probable if each is not None]
+    if known:
+        name, trusted, limit = "probability of a large error [-]", np.concatenate(known), LIKELY
+    else:
+        name, trusted, limit = "OOD score [-]", np.concatenate([r.ood_score for r in readings]), 1.0
     panels = [
         Panel(
             f"{sensor.name} [{sensor.unit}]",
@@ -183,8 +192,8 @@ def plot_estimates(schema: Schema, readings: Sequence[Reading]) -> Figure:
         )
         for i, sensor in enumerate(schema.estimated)
     ]
-    limit = Curve("limit", number, np.ones_like(number), target=True)
-    panels.append(Panel("OOD score [-]", (Curve("score", number, score), limit)))
+    line = Curve("limit", number, np.full_like(number, limit), target=True)
+    panels.append(Panel(name, (Curve("estimate", number, trusted.astype(float)), line)))
     return curves("picture, in the order given [-]", panels, columns=2)
 
 

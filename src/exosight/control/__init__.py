@@ -3,6 +3,7 @@
 plant             what a controller actuates and observes
 simulated         that plant as a simulation (needs JAX: `exosight.control.simulated`)
 estimator         contact forces from images
+trust             whether one of them is to be trusted, in words
 calibration       a network corrected by its errors on one system (needs JAX: `exosight.control.calibration`)
 batch             many simulated plants side by side (needs JAX: `exosight.control.batch`)
 frame_history     inputs of a network beside the next image: earlier ones, u

@@ -12,6 +12,7 @@ from jaxtyping import Float, Float32, UInt8
 
 from exosight.errors import DataError, InputError
 from exosight.learning.intervals import interval
+from exosight.learning.large_error import NOT_SHOWN, error_probability
 from exosight.learning.model_file import OUTPUTS, ModelCard, images_at_once, open_model
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.outputs import nonnegative
@@ -92,6 +93,10 @@ class Reading:
     """probability that there is contact [-]; 0 for a sensor that is not a force"""
     ood_score: Float32[np.ndarray, " frames"]
     """OOD score of each image as a share of its limit: above 1, it is out of distribution"""
+    error_probability: Float32[np.ndarray, " frames"] | None = None
+    """probability that the error of each is large, as the card's `large_error` has it [-]; None without"""
+    causes: Float32[np.ndarray, "frames causes"] | None = None
+    """probability of each of the card's causes that an image is unusual [-]; None if it names none"""
 
 
 @runtime_checkable
@@ -225,6 +230,7 @@ class OnnxEstimator:
         check_inputs(images, inputs, card.history, card.channels)
         found = np.empty((3, len(images), len(card.schema.outputs)), np.float32)
         ood_score = np.empty(len(images), np.float32)
+        causes = np.zeros((len(images), len(card.causes)), np.float32)
         together = images_at_once(*size)
         for start in range(0, len(images), together):
             part = slice(start, start + together)
@@ -233,20 +239,34 @@ class OnnxEstimator:
             if own.commands is not None:
                 given["commands"] = own.commands
             try:
-                *found[:, part], ood_score[part] = self.session.run(list(OUTPUTS), given)
+                answers = self.session.run(list(card.outputs), given)
             except Exception as error:  # its exceptions share no base of their own
                 raise DataError(
                     f"the network does not run ({str(error)[:200]}); train and export it again"
                 ) from error
-        if not ((np.abs(found) <= _LARGEST).all() and (np.abs(ood_score) <= _LARGEST).all()):
+            *found[:, part], ood_score[part] = answers[: len(OUTPUTS)]
+            if card.causes:
+                causes[part] = answers[-1]
+        if not all((np.abs(x) <= _LARGEST).all() for x in (found, ood_score, causes)):
             raise DataError("the network answers numbers that are not finite; train and export it again")
         values, expected_error, contact = found
         contact = np.clip(contact, 0, 1)  # a logistic function in single precision may pass 1 by its last bit
         ood_score /= np.float32(card.ood_limit)
         forced = nonnegative(card.schema)
+        likely = None
+        if card.large_error:
+            likely = error_probability(card.large_error, card.schema, expected_error, ood_score)
+            if NOT_SHOWN in card.causes:  # then whatever is estimated is wrong
+                likely = 1 - (1 - likely) * (1 - causes[:, card.causes.index(NOT_SHOWN)])
+            likely = likely.astype(np.float32)
+        beside = likely, np.clip(causes, 0, 1) if card.causes else None
         return {
             level: Reading(
-                values, *interval(card.widths, level, values, expected_error, forced), contact, ood_score
+                values,
+                *interval(card.widths, level, values, expected_error, forced),
+                contact,
+                ood_score,
+                *beside,
             )
             for level in levels
         }

@@ -4,6 +4,7 @@ metrics         RMSE, RMS% of range and Pearson's r of every output
 details         R², contact detection, rare errors, loading against unloading
 coverage        coverage and width of prediction intervals
 ood_detection   AUROC of the OOD score
+large_errors    whether the probability of a large error follows the errors
 robustness      estimates from noisy and low-contrast images
 baselines       estimates without an image
 published       the paper's results

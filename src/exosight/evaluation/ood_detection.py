@@ -8,7 +8,8 @@ from jaxtyping import Float, Int, UInt8
 
 from exosight.errors import InputError
 from exosight.evaluation.tables import Cell, Column, Table
-from exosight.vision import BACKGROUND, HELD_OUT, OOD_KINDS, augment, draw_appearance, draw_ood_images
+from exosight.vision import HELD_OUT, OOD_KINDS, augment, draw_appearance, draw_ood_images
+from exosight.vision.disturbances import is_clean
 
 Images = UInt8[np.ndarray, "frames height width"]
 Scores = Float[np.ndarray, " frames"]
@@ -16,8 +17,6 @@ Places = Int[np.ndarray, " frames"]
 
 MANY = 500
 """Most images of each kind: an AUROC of 0.97 is then known to 0.01."""
-CLEAN = 0.01
-"""Least share of a picture that shows the renderer's background: only such can be given another."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,7 @@ def evaluate_ood_detection(
     """
     _, height, width = images.shape
     count = min(MANY, len(images))
-    clean = np.flatnonzero(np.mean(images == BACKGROUND, axis=(1, 2)) >= CLEAN)
+    clean = np.flatnonzero(is_clean(images))
     picked = np.random.default_rng(seed).permutation(clean)[:count]
     cases: dict[str, tuple[Callable[[], Images], Places]] = {
         f"held-out {name}": (

@@ -3,6 +3,7 @@
 from typing import Any
 
 from exosight.control.estimator import OnnxEstimator
+from exosight.control.trust import trust
 from exosight.lab.estimates import judge, reading_of
 from exosight.lab.pictures import png_of, png_text
 from exosight.vision.pictures import decode, decode_gray
@@ -22,8 +23,10 @@ def estimate(data: bytes, network: OnnxEstimator) -> dict[str, Any]:
     height, width = schema.image_size
     image = decode_gray(data, "picture", width, height, network.crop)
     reading = network.read(image[None])
+    judged = trust(network.card, reading)
     return {
         "image": png_text(image),
         "reading": reading_of(reading, schema),
+        "trust": {"flagged": judged.flagged, "words": judged.words},
         "guard": judge(image, reading, schema),
     }

@@ -18,16 +18,18 @@ from torch import Tensor, nn
 import exosight
 from exosight.errors import DataError, InputError
 from exosight.files import replace_file
+from exosight.learning.causes import CAUSES, CauseClassifier
 from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
 from exosight.learning.contact import contact_shift
 from exosight.learning.intervals import Widths, calibrate_intervals
-from exosight.learning.model_file import OUTPUTS, ModelCard, card_to_metadata, open_session, seal
+from exosight.learning.model_file import ModelCard, card_to_metadata, open_session, seal
 from exosight.learning.model_graph import FILE_FORMAT, OPERATOR_SET
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.networks import SensorModel, answer_slices, answers
 from exosight.learning.ood import OodDetector, batches, fit_ood_detector
 from exosight.learning.outputs import nonnegative
 from exosight.learning.registration import Registration
+from exosight.learning.reliability import Reliability, fit_reliability
 
 _TOLERANCE = 1e-5
 """Float32 keeps seven digits and a forward pass sums a few hundred terms; measured: about 5e-7 at 128×128
@@ -71,18 +73,23 @@ def export_onnx(
     ood = fit_ood_detector(model, seen, known)
     found, error, contact = _answers(model, *seen)
     forces = nonnegative(schema)
-    card = _card(checkpoint, calibrate_intervals(found, error, labels, forces), ood.limit)
+    reliability = fit_reliability(model, ood, schema, seen, labels)
+    card = _card(checkpoint, calibrate_intervals(found, error, labels, forces), ood.limit, reliability)
     _shift_contact(model, np.where(forces, contact_shift(contact, labels > 0), 0.0))
-    write_network(path, model, ood, card)
+    write_network(path, model, ood, card, reliability.causes)
     return card
 
 
-def write_network(path: Path, model: SensorModel, ood: OodDetector, card: ModelCard) -> None:
+def write_network(
+    path: Path, model: SensorModel, ood: OodDetector, card: ModelCard, causes: CauseClassifier | None
+) -> None:
     """Write a network as an ONNX file, after checking it against ONNX Runtime.
+
+    causes   the classifier whose causes the card names, if it names any
 
     Raises DataError if the exported network answers otherwise than the given one.
     """
-    deployed = _Deployed(model, ood, card).eval()
+    deployed = _Deployed(model, ood, card, causes).eval()
     proto = _convert(deployed, card)
     _verify(proto, deployed, card)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -90,18 +97,21 @@ def write_network(path: Path, model: SensorModel, ood: OodDetector, card: ModelC
 
 
 class _Deployed(nn.Module):
-    """What goes into the file: the view, the answers, and the OOD score."""
+    """What goes into the file: the view, the answers, the OOD score, and what is unusual."""
 
-    def __init__(self, model: SensorModel, ood: OodDetector, card: ModelCard):
+    def __init__(self, model: SensorModel, ood: OodDetector, card: ModelCard, causes: CauseClassifier | None):
         super().__init__()
-        self.model, self.ood = model, ood
+        self.model, self.ood, self.causes = model, ood, causes
         homography = torch.tensor(card.registration)
         self.view = Registration(homography, card.schema.image_size) if card.registration else nn.Identity()
 
     def forward(self, image: Tensor, commands: Tensor | None = None) -> tuple[Tensor, ...]:
         image = self.view(image)
         features = self.model.network.features(image, commands)
-        return (*self.model.read(features), self.ood(image, features))
+        found = (*self.model.read(features), self.ood(image, features))
+        if self.causes is None:
+            return found
+        return (*found, self.causes(features, self.ood.residual(image, features)))
 
 
 def _answers(
@@ -123,7 +133,7 @@ def _shift_contact(model: SensorModel, shift: Float[np.ndarray, " outputs"]) -> 
             last.bias[contact] += torch.from_numpy(shift).float()
 
 
-def _card(checkpoint: Checkpoint, widths: Widths, ood_limit: float) -> ModelCard:
+def _card(checkpoint: Checkpoint, widths: Widths, ood_limit: float, reliability: Reliability) -> ModelCard:
     run, best = checkpoint.run, checkpoint.history[checkpoint.position.best_epoch - 1]
     history, actuation = run.settings.history, run.settings.actuation
     order = ", the newest first" if history else ""
@@ -141,6 +151,8 @@ def _card(checkpoint: Checkpoint, widths: Widths, ood_limit: float) -> ModelCard
         data=run.data_identity,
         widths=widths,
         ood_limit=ood_limit,
+        large_error=reliability.large_error,
+        causes=CAUSES if reliability.causes else (),
         history=history,
         actuation=actuation,
     )
@@ -156,7 +168,7 @@ def _convert(model: nn.Module, card: ModelCard) -> onnx.ModelProto:
             examples,
             dynamo=True,
             input_names=list(card.inputs),
-            output_names=list(OUTPUTS),
+            output_names=list(card.outputs),
             dynamic_shapes={name: {0: batch} for name in card.inputs},
             opset_version=OPERATOR_SET,
             external_data=False,

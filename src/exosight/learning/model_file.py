@@ -21,6 +21,7 @@ from exosight.errors import DataError, InputError
 from exosight.files import read_file
 from exosight.learning.config import History
 from exosight.learning.intervals import LEVELS, Widths
+from exosight.learning.large_error import LargeError
 from exosight.system.schema import Channel, Schema, network_difference, schema_to_dict
 from exosight.validation import first_fault
 
@@ -31,6 +32,9 @@ _SEAL_START = b"\x72\x4a\x0a\x06sha256\x12\x40"
 OUTPUTS = ("forces", "expected_error", "contact", "ood_score")
 """Of the network in the file: values of the estimated sensors [their units], the error to be expected of
 each, probability of contact; and one number an image, its OOD score."""
+
+CAUSES = "causes"
+"""One more output of networks whose card names causes: probabilities of what is unusual about an image."""
 
 
 BATCH = 64
@@ -79,6 +83,10 @@ class ModelCard:
     """of the intervals around its estimates"""
     ood_limit: Annotated[float, pydantic.Field(ge=1e-3, le=1e6)]
     """score beyond which an image is out of distribution"""
+    large_error: LargeError | None = None
+    """what counts as a large error, and how probable it is; None where too few frames told"""
+    causes: Annotated[tuple[Text, ...], pydantic.Field(max_length=16)] = ()
+    """what an image may differ by, as the output `causes` has them; none without that output"""
     history: History = 0
     """earlier images that are inputs beside the one it reads, as further channels, the newest first"""
     actuation: bool = False
@@ -93,6 +101,8 @@ class ModelCard:
             raise ValueError("schema: expected a sensor to estimate, got none")
         if len(self.registration) not in (0, 8):
             raise ValueError(f"registration: expected eight numbers or none, got {len(self.registration)}")
+        if self.large_error and not set(self.large_error.sensors) <= set(self.schema.controllable):
+            raise ValueError("large_error: expected sensors that follow from the estimated ones")
         for kind in ("estimated_zero", "estimated_force"):
             rows = getattr(self.widths, kind)
             if [len(row) for row in rows] != [outputs] * len(LEVELS):
@@ -110,6 +120,13 @@ class ModelCard:
     def channels(self) -> tuple[Channel, ...]:
         """Whose commands are an input."""
         return self.schema.channels if self.actuation else ()
+
+    @property
+    def outputs(self) -> dict[str, list[int]]:
+        """Outputs of the network by name, and their shape after the batch."""
+        one = [len(self.schema.outputs)]
+        found: dict[str, list[int]] = dict(zip(OUTPUTS, (one, one, one, []), strict=True))
+        return found | {CAUSES: [len(self.causes)]} if self.causes else found
 
     @property
     def inputs(self) -> dict[str, list[int]]:
@@ -188,8 +205,7 @@ def open_session(data: bytes, threads: int, name: str) -> tuple[Any, ModelCard]:
             "generate, then exosight train"
         )
     card = read_card(ModelCard, texts, name)
-    one = [len(card.schema.outputs)]
-    check_graph(model, card.inputs, dict(zip(OUTPUTS, (one, one, one, []), strict=True)), len(data), name)
+    check_graph(model, card.inputs, card.outputs, len(data), name)
     return run_session(data, threads, name), card
 
 
@@ -217,6 +233,8 @@ def read_card(kind: type, texts: dict[str, str], name: str, what: str = "estimat
 
     Raises DataError if it is not such a card.
     """
+    if not all(isinstance(text, str) for pair in texts.items() for text in pair):  # bytes if not UTF-8
+        raise DataError(f"{name}: its card is not text, it was changed; export it again")
     if sum(map(len, texts.values())) > _LARGEST_CARD:
         raise DataError(f"{name}: its card has more than {_LARGEST_CARD >> 20} MiB; export it again")
     kinds = {field.name: field.type for field in fields(kind)}

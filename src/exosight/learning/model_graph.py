@@ -33,9 +33,10 @@ _OPERATORS = {
         "Gemm",
         "Greater",
         "GridSample",
+        "Log",
     ),
     *("MatMul", "Max", "MaxPool", "Mul", "Pow", "ReduceMean", "Relu", "Reshape", "Shape", "Sigmoid"),
-    *("Slice", "Sqrt", "Sub", "Transpose", "Unsqueeze"),
+    *("Slice", "Softmax", "Sqrt", "Sub", "Transpose", "Unsqueeze"),
 }
 _FIELDS: dict[str, set[str]] = {
     "ModelProto": {

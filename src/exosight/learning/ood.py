@@ -51,13 +51,18 @@ class OodDetector(nn.Module):
         self, image: Float[Tensor, "batch images height width"], features: Float[Tensor, "batch features"]
     ) -> Float[Tensor, " batch"]:
         """The score of each image; those before it had theirs when they were new."""
-        picture = _newest(image)
-        error = _shrunk(picture) - features @ self.weight - self.bias
+        error = self.residual(image, features)
         # The diagonal details of 2×2 pixels: white noise has its full variance there, a picture next to none.
         # Averaged over 4×4 pixels, a sixteenth of it is left.
-        details = nn.functional.conv2d(picture, self.diagonal, stride=2)
+        details = nn.functional.conv2d(_newest(image), self.diagonal, stride=2)
         noise = (details**2).mean((1, 2, 3)) / 16
         return ((error**2 - noise[:, None]) / self.usual**2).mean(1)
+
+    def residual(
+        self, image: Float[Tensor, "batch images height width"], features: Float[Tensor, "batch features"]
+    ) -> Float[Tensor, "batch places"]:
+        """What the reconstruction leaves of each image at a quarter of its size, in one row."""
+        return _shrunk(_newest(image)) - features @ self.weight - self.bias
 
 
 Inputs = tuple[UInt8[np.ndarray, "_ stack height width"], Float32[np.ndarray, "_ channels"] | None]

@@ -17,10 +17,18 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from exosight.errors import DataError, InputError
+from exosight.learning.causes import CauseClassifier
 from exosight.learning.checkpoint import RunIdentity
 from exosight.learning.model_file import ModelCard, open_session, read_model, sealed
-from exosight.learning.networks import ActuationEmbedding, Network, answer_slices
+from exosight.learning.networks import (
+    ActuationEmbedding,
+    Network,
+    SensorModel,
+    answer_slices,
+    build_network,
+)
 from exosight.learning.ood import OodDetector
+from exosight.learning.outputs import nonnegative
 from exosight.system.schema import difference
 
 _PREFIX = "model.network."
@@ -42,6 +50,8 @@ class Pretrained:
     """what an output of 0 stands for [the sensor's unit]"""
     ood: OodDetector
     """of the features that these weights give"""
+    causes: CauseClassifier | None
+    """likewise; None if its card names no causes"""
 
 
 def load_pretrained(path: Path) -> Pretrained:
@@ -74,6 +84,7 @@ def load_pretrained(path: Path) -> Pretrained:
         torch.from_numpy(scale.copy()),
         torch.from_numpy(offset.copy()),
         _detector(graph, arrays, card, path),
+        _classifier(arrays, card, path),
     )
 
 
@@ -96,6 +107,24 @@ def _detector(
         raise DataError(f"{path}: its OOD score is not that of an estimator of exosight; export it again")
     weight, bias, squared = (torch.from_numpy(x.copy()).float() for x in found)
     return OodDetector(weight, bias, squared.sqrt(), card.ood_limit)
+
+
+def _classifier(arrays: Mapping[str, np.ndarray], card: ModelCard, path: Path) -> CauseClassifier | None:
+    """The classifier of causes in a file."""
+    if not card.causes:
+        return None
+    weight, bias = (arrays.get(f"causes.linear.{name}", np.full(1, np.nan)) for name in ("weight", "bias"))
+    features = arrays["ood.weight"].shape[0]
+    found = CauseClassifier(features, card.schema.image_size, len(card.causes))
+    if not all(
+        x.shape == own.shape and np.isfinite(x).all()
+        for x, own in ((weight, found.linear.weight), (bias, found.linear.bias))
+    ):
+        raise DataError(f"{path}: its causes are not those of an estimator of exosight; export it again")
+    with torch.no_grad():
+        found.linear.weight.copy_(torch.from_numpy(weight.copy()))
+        found.linear.bias.copy_(torch.from_numpy(bias.copy()))
+    return found.eval()
 
 
 def check_pretrained(pretrained: Pretrained, identity: RunIdentity) -> None:
@@ -177,6 +206,22 @@ def unfold(
         network(images, commands)
     for hook in hooks:
         hook.remove()
+
+
+def as_model(
+    pretrained: Pretrained,
+    images: Float[Tensor, "batch images height width"],
+    commands: Float[Tensor, "batch channels"] | None,
+) -> SensorModel:
+    """The network of a file as it can be trained and exported again, normalised around some images."""
+    card = pretrained.card
+    last = max(int(name.split(".")[0]) for name in pretrained.weights)
+    rows = len(pretrained.weights[f"{last}.weight"])
+    beside = rows - 3 * len(card.schema.outputs) if card.network == "light" else 0
+    network = build_network(card.network, card.schema, beside, card.seed, card.history, card.actuation).eval()
+    unfold(pretrained, network, images, commands)
+    offset = pretrained.offset if pretrained.offset.any() else None
+    return SensorModel(network, pretrained.scale, nonnegative(card.schema), offset).eval()
 
 
 def _with_commands(pretrained: Pretrained, network: Network) -> dict[str, Tensor]:

@@ -4,6 +4,7 @@ corruptions   the paper's noise and contrast
 appearance    how far pictures may differ; augment draws numbers frame by frame and makes pictures so,
 transforms    one class for each thing that may become of a picture
 lighting      how the bodies' shades and their light may differ when they are rendered
+disturbances  clean pictures changed in one respect at a time
 ood_images    pictures without the plant, and what is kept for testing
 """
 

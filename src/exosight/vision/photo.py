@@ -33,8 +33,9 @@ Rng = np.random.Generator
 Plane = Float32[np.ndarray, "height width"]
 Mask = UInt8[np.ndarray, "height width"]
 
-CLEAN = 0.1
-"""Share of the frames that stay as the renderer draws them, so that clean pictures are still read."""
+CLEAN = 0.25
+"""Share of the frames that stay as the renderer draws them: clean pictures are still to be read, and
+causes of unusual images are fitted on them."""
 TILT, SHIFT, ROLL, ZOOM = 0.16, 0.035, 0.1, 0.1
 """Largest tilt each way [rad], shift [picture widths], roll [rad], enlargement [-]."""
 DISTANCE = 0.25, 1.5

@@ -77,7 +77,7 @@ def run(pretrained: Pretrained, moved: tuple[np.ndarray, np.ndarray], count: int
 
 
 def estimator(found: Adaptation, path: Path) -> OnnxEstimator:
-    write_network(path, found.model, found.ood, found.card)
+    write_network(path, found.model, found.ood, found.card, found.causes)
     return OnnxEstimator.load(path)
 
 

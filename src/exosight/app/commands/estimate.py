@@ -64,7 +64,8 @@ def estimate(
     """
     check_json_target(json)
     check_plot(plot)
-    from exosight.control.estimator import SHIPPED_MODELS, OnnxEstimator, model_path, shown_score
+    from exosight.control.estimator import SHIPPED_MODELS, OnnxEstimator, model_path
+    from exosight.control.trust import as_json, trust
     from exosight.vision.pictures import read_gray
 
     if not images:
@@ -96,9 +97,9 @@ def estimate(
         read = estimator.read(picture[None], level)
         readings.append(read)
         rows, totals = _rows(schema, read), _totals(schema, read)
-        ood_score = shown_score(read.ood_score[0])
+        judged = trust(estimator.card, read)
         named = {f"{name}_{schema.sensor(name).unit}": total for name, total in totals.items()}
-        found.append({"image": str(path), **named, "ood_score": ood_score, f"{kind(schema)}s": rows})
+        found.append({"image": str(path), **named, **as_json(read, judged), f"{kind(schema)}s": rows})
         beside = None
         if refinement is not None:
             try:
@@ -112,11 +113,7 @@ def estimate(
         if json is None:
             caption = f"{path}, {100 * level:g} % intervals"
             show(_table(schema, caption, rows, totals))
-            if ood_score > 1:
-                say(
-                    f"do not trust these: the picture is out of distribution (OOD score {ood_score:.3f}, "
-                    "trusted up to 1)"
-                )
+            say(judged.words)
             if beside is not None:
                 values = dict(zip(schema.outputs, read.forces[0].tolist(), strict=True)) | totals
                 show(beside.table(schema, values, f"{path}, network and model"))

@@ -4,7 +4,7 @@ import { asPng, upload } from "./api.js";
 import { sensorTable } from "./charts.js";
 import { cropFrame, fits } from "./crop.js";
 import { zoneMap } from "./map.js";
-import { by, quantity, scoreWords } from "./svg.js";
+import { by, quantity } from "./svg.js";
 
 export function estimate({ network, scene }) {
   const { system, sensors, controlled, pixels } = network;
@@ -62,13 +62,13 @@ export function estimate({ network, scene }) {
       if (own !== count) return;
       by("file-image").src = `data:image/png;base64,${found.image}`;
       by("file-image").alt = `${name}, gray, ${pixels.join(" by ")} pixels`;
-      const { estimates, ood_score: score } = found.reading;
+      const { estimates } = found.reading, { flagged, words } = found.trust;
       table(null, estimates);
       map.colour(Object.fromEntries(Object.entries(estimates).map(([sensor, { value }]) => [sensor, value])));
-      by("verdict").className = `verdict ${score > 1 ? "bad" : ""}`;
-      by("verdict").textContent = score > 1
-        ? `Do not trust these estimates: the image is out of distribution (OOD score ${scoreWords(score)}, trusted up to 1).`
-        : `${controlled} ${quantity(estimates[controlled].value, unit)}; the image is within the training distribution (OOD score ${scoreWords(score)}).`;
+      by("verdict").className = `verdict ${flagged ? "bad" : ""}`;
+      by("verdict").textContent = flagged
+        ? `${words[0].toUpperCase()}${words.slice(1)}.`
+        : `${controlled} ${quantity(estimates[controlled].value, unit)}; ${words}.`;
       by("file-cause").textContent = `Guard, given this image: ${found.guard.state}; ${found.guard.cause}.`;
       by("result").hidden = by("file-result").hidden = false;
     } catch (error) {

@@ -5,6 +5,7 @@ former camera. What cross-validation predicts for the pictures that it leaves ou
 intervals must be.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -18,12 +19,14 @@ from exosight.errors import InputError
 from exosight.learning.adaptation.labelled import Labelled, features, folds, joined
 from exosight.learning.adaptation.methods import FEWEST_FOR_ALL, METHODS, Method, fit
 from exosight.learning.adaptation.view import View, through
+from exosight.learning.causes import CauseClassifier
 from exosight.learning.intervals import Widths, calibrate_intervals
+from exosight.learning.large_error import LargeError
 from exosight.learning.model_file import ModelCard
 from exosight.learning.networks import SensorModel, build_network
 from exosight.learning.ood import OodDetector, refit_ood_detector
 from exosight.learning.outputs import auxiliary_units, nonnegative
-from exosight.learning.pretrained import Pretrained, unfold
+from exosight.learning.pretrained import Pretrained, as_model
 from exosight.learning.registration import Homography
 from exosight.learning.training_data import offset_of, scale_of
 from exosight.system.schema import Schema
@@ -55,6 +58,8 @@ class Adaptation:
 
     model: SensorModel
     ood: OodDetector
+    causes: CauseClassifier | None
+    """as before"""
     card: ModelCard
     chosen: Candidate
     candidates: tuple[Candidate, ...]
@@ -151,7 +156,10 @@ class _Result:
         widths: Widths | None = None,
         validation_l1: float | None = None,
     ) -> Adaptation:
-        """Without labels intervals are as wide as before, and the detector is the former one."""
+        """Without labels intervals are as wide as before, and the detector is the former one.
+
+        The probability of a large error follows the width of the intervals; other sensors have none.
+        """
         former = self.pretrained.card
         seen = through(homography, self.pictures)
         ood = self.pretrained.ood
@@ -166,9 +174,22 @@ class _Result:
             data=dict(self.about),
             widths=widths or former.widths,
             ood_limit=ood.limit,
+            large_error=_large_error(former, self.schema, widths),
             registration=() if homography is None else tuple(homography.tolist()),
         )
-        return Adaptation(model, ood, card, chosen, candidates)
+        return Adaptation(model, ood, self.pretrained.causes, card, chosen, candidates)
+
+
+def _large_error(former: ModelCard, schema: Schema, widths: Widths | None) -> LargeError | None:
+    """The former one, of errors as much larger as intervals have become wider."""
+    large = former.large_error
+    if large is None or not _same_outputs(former.schema, schema):
+        return None
+    if widths is None:
+        return large
+    wider = np.array(widths.estimated_force) / np.maximum(former.widths.estimated_force, 1e-9)
+    ratio = float(np.median(np.maximum(wider, 1e-9)))
+    return replace(large, bias=large.bias + large.error * math.log(ratio))
 
 
 def _check(card: ModelCard, schema: Schema, labels: int, pictures: int, method: str, known: bool) -> None:
@@ -219,21 +240,17 @@ def _start(
 ) -> SensorModel:
     """The former network, its last layer begun anew where the outputs are others."""
     card = pretrained.card
-    rows = len(pretrained.weights[f"{_last_name(pretrained)}.weight"])
-    beside = rows - 3 * len(card.schema.outputs) if card.network == "light" else 0
     few = pictures.take(np.arange(0, len(pictures), -(-len(pictures) // _NORMALISING)))
-    network = build_network(card.network, card.schema, beside, card.seed, card.history, card.actuation).eval()
-    unfold(pretrained, network, *few.tensors())
+    former = as_model(pretrained, *few.tensors())
     if known:
-        offset = pretrained.offset if pretrained.offset.any() else None
-        return SensorModel(network, pretrained.scale, nonnegative(schema), offset).eval()
+        return former
     scale = scale_of(labelled.labels, [sensor.unit for sensor in schema.estimated])
     own = build_network(
         card.network, schema, len(auxiliary_units(schema)), card.seed, card.history, card.actuation
     )
-    whole = {**network.state_dict()}
+    whole = {**former.network.state_dict()}
     for name, tensor in own.last.state_dict().items():
-        whole[f"{_last_name(pretrained)}.{name}"] = torch.zeros_like(tensor)
+        whole[f"{len(own) - 1}.{name}"] = torch.zeros_like(tensor)
     own.load_state_dict(whole)
     offsets = offset_of(labelled.labels, schema)
     return SensorModel(
@@ -242,11 +259,6 @@ def _start(
         nonnegative(schema),
         torch.tensor(offsets, dtype=torch.float32) if offsets else None,
     ).eval()
-
-
-def _last_name(pretrained: Pretrained) -> str:
-    """Of the last layer, among the weights."""
-    return str(max(int(name.split(".")[0]) for name in pretrained.weights))
 
 
 def _read(
