@@ -1,21 +1,22 @@
 """The simulated plant: a system, followed from equilibrium to equilibrium and rendered."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from exosight.control.plant import Observation
+from exosight.control.views import stacked
 from exosight.errors import ConvergenceError
 from exosight.mechanics import Robot, State, advance, stack
 from exosight.mechanics.term import Memories
 from exosight.system.observation import observe
 from exosight.system.schema import Schema
 from exosight.system.system import System, stack_systems
-from exosight.vision.scene import picture
+from exosight.vision.scene import Axes, picture
 
 
 @dataclass
@@ -29,9 +30,11 @@ class SimulatedPlant:
         plant.apply(np.array([1.2])).reading("F_net")
 
     system  what is simulated; its first camera looks at it
+    views   names of the cameras whose pictures are stacked instead, see `exosight.control.views`
     """
 
     system: System
+    views: tuple[str, ...] = ()
     schema: Schema = field(init=False)
     _stacked: System = field(init=False, repr=False)
     _walk: "Callable[[_Point, tuple[float, ...]], tuple[_Point, bool]]" = field(init=False, repr=False)
@@ -84,12 +87,20 @@ class SimulatedPlant:
         return Observation(
             schema=self.schema,
             commands=np.array(point.commands),
-            image=picture(self.system, {name: axis[0] for name, axis in seen.axes.items()})[0],
+            image=self._image({name: axis[0] for name, axis in seen.axes.items()}),
             readings=np.asarray(seen.readings[0, 0], dtype=float),
             q=q,
             converged=self._converged,
             min_eigenvalue=point.min_eigenvalue,
             history=history,
+        )
+
+    def _image(self, axes: Axes) -> UInt8[np.ndarray, "height width"]:
+        if not self.views:
+            return picture(self.system, axes)[0]
+        cameras = dict(self.system.cameras)
+        return stacked(
+            [picture(replace(self.system, cameras=((name, cameras[name]),)), axes)[0] for name in self.views]
         )
 
     @property
