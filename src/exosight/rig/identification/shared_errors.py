@@ -18,8 +18,8 @@ from exosight.rig.identification.distances import projected
 from exosight.rig.identification.fit import Fit, Problem
 from exosight.system.observation import body_axes
 
-PLACES = 9
-"""Along each side of a body, evenly spaced."""
+PLACES = 5
+"""Along each side of a body, evenly spaced; measured errors change sign over a quarter of it or more."""
 
 
 def shared_errors(problem: Problem, state: Fit) -> Float[np.ndarray, "points modes"]:
