@@ -58,9 +58,8 @@ def test_the_true_parameters_are_found(found: Identification) -> None:
             true = split_quantity(TRUTH[each.entry], "1 m")[0]
             # Outlines are found to some hundredths of a pixel, of bodies of 60: some parts in a thousand.
             tolerance = 0.01 if each.low > 0 else 0.15
-            assert each.value == pytest.approx(true, rel=tolerance, abs=tolerance * (each.low < 0)), (
-                each.entry
-            )
+            near = 0.05 if "centre" in each.entry else tolerance * (each.low < 0)  # of a pixel of 1 mm
+            assert each.value == pytest.approx(true, rel=tolerance, abs=near), each.entry
             assert each.low < each.value < each.high
 
 

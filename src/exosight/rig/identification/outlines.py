@@ -28,9 +28,9 @@ _DARKER = 8
 """Least gray values from the brightest body to half covered pixels, and from those to the background."""
 _FEWEST = 4
 """Pixels of a gray that only one body has, from which it is told."""
-_END, _SHARED_END = 2, 5
-"""Points left out at either end of a stretch, and of one that two bodies share: beyond it they part by less
-than a pixel for some pixels."""
+_END, _SHARED_END = 2, 3
+"""Points left out at either end of a stretch, and of one that two bodies share, beyond which they part by less
+than a pixel for some way."""
 _STEP = 0.25  # between samples [pixels]
 
 
