@@ -29,8 +29,8 @@ _DARKER = 8
 _FEWEST = 4
 """Pixels of a gray that only one body has, from which it is told."""
 _END, _SHARED_END = 2, 3
-"""Points left out at either end of a stretch, and of one that two bodies share, beyond which they part by less
-than a pixel for some way."""
+"""Points left out at either end of a stretch, and of one that two bodies share, beyond which they part
+slowly."""
 _STEP = 0.25  # between samples [pixels]
 
 
