@@ -1,12 +1,17 @@
 """Identification of simulated rigs that differ from the model, against their true parameters.
 
-    python -m benchmarks.identification [--rigs 30]
+    python -m benchmarks.identification [--rigs 30] [--tilted]
 
-writes docs/results/identification.json, which docs/identification.md shows. Every rig is `index` with another
+writes docs/results/identification.json, with --tilted identification_tilted.json, which
+docs/identification.md shows. Every rig is `index` with another
 modulus (± 40 %), joints (± 50 %), links (± 10 %) and camera (moved by up to 10 mm, 10 % nearer or further,
 rolled by up to 8°), all drawn evenly. It is pictured at twelve loads; outlines are found in the pictures, and
 each point is moved by 0.3 pixels of Gaussian noise in both directions. The system is identified three times:
 loads in newtons; loads in an unknown unit with one force reading; and without it.
+
+With --tilted the camera is a pinhole about 30 cm away that is turned by up to 5° in pan and tilt too, and
+identified are pictures at loads in newtons: the twelve, and with them twelve more at the load where, by the
+first identification, a further one tells most.
 """
 
 import argparse
@@ -27,7 +32,7 @@ from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.index import index
 from exosight.exosuit.index_file import index_values
 from exosight.rig.identification.measurements import Measurements
-from exosight.rig.identification.outlines import outline_of_picture
+from exosight.rig.identification.outlines import Outline, outline_of_picture
 from exosight.rig.identification.result import Identification, identify
 from exosight.system.build import build
 from exosight.system.camera import Camera
@@ -36,7 +41,7 @@ from exosight.system.simulation import simulate_path
 from exosight.system.system import System
 from exosight.vision.scene import picture
 
-RESULTS = Path(__file__).parents[1] / "docs" / "results" / "identification.json"
+RESULTS = Path(__file__).parents[1] / "docs" / "results"
 NOISE = 0.3
 """Of an outline point, in each direction [pixels]."""
 LOADS = np.linspace(0.25, 3.0, 12)[:, None]
@@ -48,17 +53,23 @@ READ = 8
 """Number of the picture with a force reading; its error is FORCE_ERROR."""
 FORCE_NOISE = 0.01
 """Of the reading [share]."""
+DISTANCE, ASIDE = 0.3, 5.0
+"""Of a tilted rig's camera from its centre [m], and up to which it is turned in pan and tilt [deg]."""
+FURTHER = 12
+"""Pictures where they tell most."""
 
 
 @dataclass(frozen=True)
 class Rig:
     """A rig, its pictures' outlines, and what is true of it: entries of a system file, and F_net [N].
 
-    camera     its own; its system has the nominal one, so that all rigs are of one structure
+    system     with the nominal camera, so that all rigs are of one structure
+    camera     its own
     forces     at HELD_OUT
     reading    of the picture READ
     """
 
+    system: System
     camera: Camera
     outlines: tuple
     truth: dict[str, float]
@@ -66,7 +77,7 @@ class Rig:
     reading: float
 
 
-def drawn(number: int, worn: Exosuit) -> Rig:
+def drawn(number: int, worn: Exosuit, tilted: bool = False) -> Rig:
     """Rig number 0, 1, 2 …, which depends on its number alone."""
     random = np.random.default_rng([19, number])
 
@@ -84,17 +95,16 @@ def drawn(number: int, worn: Exosuit) -> Rig:
         roll=float(np.deg2rad(random.uniform(-8, 8))),
     )
     rig = replace(worn, finger=finger, young=worn.young * share(0.4))
+    if tilted:
+        pan, tilt = np.deg2rad(random.uniform(-ASIDE, ASIDE, 2)).tolist()
+        nearer = camera.metres_per_pixel / 0.0011  # at one focal length
+        camera = replace(camera, distance=nearer * DISTANCE, pan=pan, tilt=tilt)
     system = index(rig)
     path = np.sort(np.concatenate([LOADS, HELD_OUT]), axis=0)
     states = simulate_path(system, path)
     shown = np.isin(path[:, 0], LOADS[:, 0])
     axes = {name: np.asarray(axis)[shown] for name, axis in states.observation.axes.items()}
-    shades = [tube.shade for tube in system.tubes]
-    outlines = []
-    for k, each in enumerate(picture(replace(system, cameras=(("camera", camera),)), axes)):
-        found = outline_of_picture(each, shades, f"picture {k + 1} of rig {number}")
-        moved = random.normal(scale=NOISE, size=found.points.shape)
-        outlines.append(replace(found, points=found.points + moved))
+    outlines = found_in(system, camera, axes, random)
     net = states.observation.readings[:, system.schema.index("F_net")]
     truth = {
         "rods.exosuit.young": rig.young,
@@ -108,9 +118,46 @@ def drawn(number: int, worn: Exosuit) -> Rig:
         "cameras.camera.centre.1": camera.centre[1],
         "cameras.camera.pixel": camera.metres_per_pixel,
         "cameras.camera.roll": camera.roll,
+        "cameras.camera.pan": camera.pan,
+        "cameras.camera.tilt": camera.tilt,
     }
     reading = float(net[shown][READ]) * (1 + random.normal(scale=FORCE_NOISE))
-    return Rig(camera, tuple(outlines), truth, np.asarray(net[~shown]), reading)
+    return Rig(system, camera, outlines, truth, np.asarray(net[~shown]), reading)
+
+
+def found_in(
+    system: System, camera: Camera, axes: dict[str, np.ndarray], random: np.random.Generator
+) -> tuple[Outline, ...]:
+    """The outlines in pictures by a camera, with noise."""
+    shades = [tube.shade for tube in system.tubes]
+    outlines = []
+    for k, each in enumerate(picture(replace(system, cameras=(("camera", camera),)), axes)):
+        found = outline_of_picture(each, shades, f"picture {k + 1}")
+        moved = random.normal(scale=NOISE, size=found.points.shape)
+        outlines.append(replace(found, points=found.points + moved))
+    return tuple(outlines)
+
+
+def further(rig: Rig, number: int, load: float) -> Measurements:
+    """The rig's pictures with FURTHER more at a load [N], the noise of each its own."""
+    at = int(np.searchsorted(LOADS[:, 0], load))
+    loads = np.insert(LOADS[:, 0], at, load)[:, None]
+    states = simulate_path(rig.system, loads)
+    axes = {
+        name: np.repeat(np.asarray(axis)[at : at + 1], FURTHER, axis=0)
+        for name, axis in states.observation.axes.items()
+    }
+    more = found_in(rig.system, rig.camera, axes, np.random.default_rng([20, number]))
+    return Measurements(
+        np.insert(LOADS[:, 0], [at] * FURTHER, load)[:, None],
+        (*rig.outlines[:at], *more, *rig.outlines[at:]),
+    )
+
+
+def in_perspective(values: Values) -> Values:
+    """The same file with a pinhole camera, straight ahead."""
+    camera = values["cameras"]["camera"]
+    return {**values, "cameras": {"camera": {**camera, "distance": f"{DISTANCE} m"}}}
 
 
 def in_kpa(values: Values) -> Values:
@@ -148,6 +195,7 @@ def compared(rig: Rig, found: Identification, scale: float) -> dict[str, Any]:
             * float(np.hypot(*np.subtract(camera.centre, real.centre)))
             / (real.width * real.metres_per_pixel),
             "roll [deg]": float(np.rad2deg(abs(camera.roll - real.roll))),
+            "direction [deg]": float(np.rad2deg(np.hypot(camera.pan - real.pan, camera.tilt - real.tilt))),
         },
         "ratios [%]": [
             100 * abs(factor(f"links.finger_{i}.joint.stiffness") / factor("rods.exosuit.young") - 1)
@@ -155,6 +203,7 @@ def compared(rig: Rig, found: Identification, scale: float) -> dict[str, Any]:
         ],
         "force [%]": force_error(fitted, rig, scale),
         "open": [direction.change for direction in found.open],
+        "advised [N]": float(found.commands[np.nanargmax(found.gains), 0]) / scale,
         "noise": found.posterior.noise,
         "points per independent one": found.posterior.crowding,
         "rested": found.rested,
@@ -181,10 +230,21 @@ def cases(rig: Rig, worn: Exosuit) -> Iterator[tuple[str, Values, Measurements, 
     yield "neither", other, Measurements(LOADS / GAIN, rig.outlines), False, 1 / GAIN
 
 
-def measure(number: int, worn: Exosuit) -> list[dict[str, Any]]:
+def tilted_cases(
+    rig: Rig, worn: Exosuit, number: int, rows: list[dict[str, Any]]
+) -> Iterator[tuple[str, Values, Measurements, bool, float]]:
+    """The same of a rig with a tilted camera; rows gets what was found of the first case."""
+    values = in_perspective(index_values(worn))
+    yield "twelve pictures", values, Measurements(LOADS, rig.outlines), True, 1.0
+    advised = further(rig, number, rows[0]["advised [N]"])
+    yield "twelve more where they tell most", values, advised, True, 1.0
+
+
+def measure(number: int, worn: Exosuit, tilted: bool) -> list[dict[str, Any]]:
     """Every case of a rig."""
-    rig, rows = drawn(number, worn), []
-    for name, values, measured, known_gains, scale in cases(rig, worn):
+    rig, rows = drawn(number, worn, tilted), []
+    chosen = tilted_cases(rig, worn, number, rows) if tilted else cases(rig, worn)
+    for name, values, measured, known_gains, scale in chosen:
         begun = time.process_time()
         found = identify(values, measured, known_gains=known_gains)
         seconds = time.process_time() - begun
@@ -198,12 +258,15 @@ def main() -> None:
     """Measure and write, rig by rig."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--rigs", type=int, default=30)
+    parser.add_argument("--tilted", action="store_true")
+    given = parser.parse_args()
     rows: list[dict[str, Any]] = []
-    for number in range(parser.parse_args().rigs):
-        rows += measure(number, Exosuit(CONTROL_SHAPE))
+    for number in range(given.rigs):
+        rows += measure(number, Exosuit(CONTROL_SHAPE), given.tilted)
         jax.clear_caches()  # 80 identifications in one process otherwise exhaust its maps of memory
         result = {"cpu": cpu_name(), "noise [pixels]": NOISE, "rows": rows}
-        RESULTS.write_text(json.dumps(result) + "\n")
+        file = RESULTS / f"identification{'_tilted' * given.tilted}.json"
+        file.write_text(json.dumps(result) + "\n")
 
 
 if __name__ == "__main__":

@@ -15,13 +15,13 @@ from exosight.evaluation.figures.style import BLUE, GRAY, GREEN, VERMILION, new_
 HERE = control.HERE
 PAGE, IMAGE = HERE / "identification.md", control.IMAGES / "identification.png"
 RESULT = HERE / "results" / "identification.json"
+TILTED = HERE / "results" / "identification_tilted.json"
 REFINED = HERE / "results" / "refined.json"
 NETWORK = HERE / "results" / "rig_network.json"
 LEAST, TOUCH = 0.01, 0.001
 """Forces [N] that a zone must reach to have a correlation, and above which there is contact."""
 NORMAL_95 = 1.96
 SCORES = {"network": "OOD score", "refined": "disagreement score"}
-CASES = ("loads in newtons", "one force reading", "neither")
 PANELS = (
     ("Young's modulus [kPa]", 1e-3, ("rods.exosuit.young",)),
     ("joint stiffness [mN m/rad]", 1e3, tuple(f"links.finger_{i}.joint.stiffness" for i in range(3))),
@@ -75,7 +75,8 @@ def picture(rows: list[Row]) -> Figure:
 
 def table(rows: list[Row]) -> str:
     """Coverage and errors, case by case."""
-    cases = {name: [row for row in rows if row["case"] == name] for name in CASES}
+    names = list(dict.fromkeys(row["case"] for row in rows))
+    cases = {name: [row for row in rows if row["case"] == name] for name in names}
 
     def of(what: Callable[[Row], Any], digits: int = 2) -> list[str]:
         cells = []
@@ -93,10 +94,15 @@ def table(rows: list[Row]) -> str:
         ["error of the camera's scale [%]", *of(lambda row: row["camera"]["scale [%]"], 3)],
         ["its position [% of the image]", *of(lambda row: row["camera"]["shift [% of the width]"])],
         ["its roll [deg]", *of(lambda row: row["camera"]["roll [deg]"], 3)],
+        *(
+            [["its direction, pan and tilt [deg]", *of(lambda row: row["camera"]["direction [deg]"], 3)]]
+            if all(row["camera"].get("direction [deg]") for row in rows)
+            else []
+        ),
         ["error of F_net at loads between the pictures' [%]", *of(lambda row: row["force [%]"])],
         ["time of one core [s]", *of(lambda row: row["CPU seconds"], 0)],
     ]
-    return table_of(("median, 95th percentile", *CASES), lines)
+    return table_of(("median, 95th percentile", *names), lines)
 
 
 def inside(rows: list[Row]) -> float:
@@ -183,6 +189,8 @@ def main() -> None:
     refined = json.loads(REFINED.read_text(encoding="utf-8"))["rows"]
     network = json.loads(NETWORK.read_text(encoding="utf-8"))["rows"]
     tables = {"rigs": table(rows), "network": network_table(network), "refined": refined_table(refined)}
+    if TILTED.exists():
+        tables["tilted"] = table(json.loads(TILTED.read_text(encoding="utf-8"))["rows"])
     fill(PAGE, tables)
 
 

@@ -36,7 +36,7 @@ def test_a_simulated_path_becomes_a_table(tmp_path: Path) -> None:
 
 
 def test_wrong_use_is_refused(data: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
-    assert "one of --data and --path" in refused("export", "--out", tmp_path / "x.mat")
+    assert "one of --data, --path and --recording" in refused("export", "--out", tmp_path / "x.mat")
     assert "expected .mat" in refused("export", "--data", data, "--out", tmp_path / "x.xlsx")
     assert "expected .mat" in refused("export", "--path", data, "--out", tmp_path / "x")
     assert "no such folder" in refused("export", "--data", tmp_path / "none", "--out", tmp_path / "x.mat")

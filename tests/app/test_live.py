@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -97,6 +98,22 @@ def test_a_simulated_exosuit_is_pressed_recorded_and_replayed(
     np.testing.assert_array_equal([step["command_replayed"] for step in steps], told.command)
     main(["replay", str(tmp_path / "run.h5")])
     assert "estimate" in capsys.readouterr().out
+
+
+def test_two_cameras_are_read_recorded_and_replayed_as_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], refused: Callable[..., str]
+) -> None:
+    run, both = tmp_path / "run.h5", ["--model", "shipped", "shipped"]
+    main(["live", *both, "--seconds", "1.5", "--rate", "4", "--record", str(run)])
+    told = read_recording(run)
+    assert next(told.images()).shape == (256, 128)
+    assert told.has_estimate.all()
+    capsys.readouterr()
+    main(["replay", str(run), *both])
+    said = " ".join(capsys.readouterr().err.split())
+    assert "the network of the recording: the same estimates, states and commands" in said
+    assert "need" in refused("replay", run)
+    assert "one source for each network" in refused("live", "--source", tmp_path, *both)
 
 
 def test_pictures_that_are_not_trusted_move_nothing(

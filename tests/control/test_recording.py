@@ -1,16 +1,15 @@
 """Recordings: what is written is read and replays to the same numbers, killed or on a full disk too."""
 
-import itertools
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from recorded_run import MODEL, SHAPE, read, run
 
 from exosight.control import (
     Adaptive,
@@ -24,60 +23,12 @@ from exosight.control import (
     Scheduled,
     State,
 )
-from exosight.control.estimator import DEFAULT_MODEL, Reading
-from exosight.control.realtime import Clock, Step, run_live
+from exosight.control.estimator import DEFAULT_MODEL
+from exosight.control.realtime import Step
 from exosight.control.recording import STATES, Recorder, checksum, read_recording
 from exosight.control.replay import replay
-from exosight.control.sources import Frame
 from exosight.errors import DataError, InputError
 from exosight.vision.ood_images import draw_ood_images
-
-SHAPE = (4, 6)
-
-
-def read(images: np.ndarray) -> Reading:
-    """A made-up network: the force on C3 is a gray value, of which 255 is no number."""
-    gray = int(images[0, 0, 0])
-    if gray == 255:
-        raise DataError("the network answers forces that are not finite")
-    forces = np.zeros((1, 7), np.float32)
-    forces[0, 2] = gray / 500
-    return Reading(forces, forces - 0.001, forces + 0.001, forces, np.array([0.1], np.float32))
-
-
-def frames(count: int, clock: Clock) -> Iterator[Frame | None]:
-    """Pictures of a force that comes and goes, a few of them lost or unreadable."""
-    for i in range(count):
-        image = np.zeros(SHAPE, np.uint8)
-        image[0, 0] = 255 if i == 7 else int(100 + 80 * np.sin(i / 4))
-        image[1, i % 6] = 200
-        yield None if i in (11, 12, 13) else Frame(image, clock.now(), None, np.full(7, 0.01 * i))
-
-
-def run(
-    path: Path, config: ControllerConfig, count: int = 47, guarded: Guarded | Adaptive | None = None
-) -> list[Step]:
-    """Record a run; the network's file is any file."""
-    steps: list[Step] = []
-    moment = itertools.count()
-    guarded = guarded or Guarded(Scheduled(config), GuardConfig(uncertain_width=0.5))
-    recorder = Recorder(path, SHAPE, guarded, Path(__file__))
-
-    class Hand:
-        def apply(self, u: float) -> None:
-            pass
-
-        def close(self) -> None:
-            pass
-
-    def done(step: Step) -> None:
-        steps.append(step)
-        recorder.append(step)
-
-    clock = Clock(lambda: next(moment) / 1000, lambda seconds: None)
-    run_live(frames(count, clock), read, guarded, Hand(), [0.3] * 100, done, clock)
-    recorder.close()
-    return steps
 
 
 def test_what_is_recorded_is_read(tmp_path: Path, straight_config: ControllerConfig) -> None:
@@ -100,7 +51,7 @@ def test_what_is_recorded_is_read(tmp_path: Path, straight_config: ControllerCon
         if i not in (11, 12, 13):
             np.testing.assert_array_equal(image, steps[i].measurement.image)
     assert told.guard.uncertain_width == 0.5
-    assert told.model == checksum(Path(__file__))
+    assert told.model == checksum(MODEL)
     np.testing.assert_array_equal(told.controller.unloading.outputs, straight_config.unloading.outputs)
 
 

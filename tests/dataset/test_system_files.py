@@ -20,7 +20,7 @@ from exosight.dataset import (
     read_variation,
 )
 from exosight.dataset.config import GenerateConfig
-from exosight.dataset.designs import config_of, design_set
+from exosight.dataset.designs import config_of, design_set, resolved
 from exosight.dataset.export import export_dataset
 from exosight.dataset.frames import QUANTITIES
 from exosight.dataset.generation import generate
@@ -267,3 +267,22 @@ def test_datasets_of_different_systems_are_not_joined(folders: dict[str, Path]) 
     both = [read_frames(folder) for folder in folders.values()]
     with pytest.raises(InputError, match="one kind of system; expected the channels u, got above, below"):
         concatenate(both)
+
+
+def test_a_dataset_is_of_the_view_that_is_asked_for(tmp_path: Path) -> None:
+    file = tmp_path / "two.toml"
+    top = '[cameras.top]\ncentre = ["40 mm", "0 mm"]\npixel = "2 mm"\nwidth = 30\nheight = 20\n'
+    file.write_text(TWO_LINES.read_text().replace("[cameras.side]\n", f"{top}\n[cameras.side]\n"))
+    for view, names, size in (
+        ("top", ["top"], (20, 30)),
+        ("side", ["side"], (32, 40)),
+        (None, ["top", "side"], (20, 30)),
+    ):
+        config, description = resolved(GenerateConfig(system=str(file), designs=1, view=view))
+        schema = design_set(config, description).schema
+        assert [camera.name for camera in schema.cameras] == names
+        assert schema.image_size == size
+    with pytest.raises(InputError, match="expected a camera of the system file, top, side, got 'back'"):
+        resolved(GenerateConfig(system=str(file), view="back"))
+    with pytest.raises(InputError, match="that of a preset"):
+        resolved(GenerateConfig(view="side"))

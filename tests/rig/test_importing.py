@@ -121,7 +121,7 @@ def test_a_stopped_import_goes_on_and_ends_as_one_that_was_not(
     monkeypatch.setattr(importing, "CHUNK_FRAMES", 5)
     whole = imported(folder, tmp_path / "whole", table)
     content = (folder / "p_7.png").read_bytes()
-    (folder / "p_7.png").write_bytes(content[:200].ljust(len(content), b"\0"))
+    (folder / "p_7.png").write_bytes(content[:200])
     with pytest.raises(DataError, match=r"p_7.png: not a picture.*what is stored stays.*--resume"):
         imported(folder, tmp_path / "data", table)
     first = (tmp_path / "data" / "chunk_0000.h5").stat().st_mtime_ns
@@ -132,6 +132,10 @@ def test_a_stopped_import_goes_on_and_ends_as_one_that_was_not(
     assert (tmp_path / "data" / "chunk_0000.h5").stat().st_mtime_ns == first
     for name in ("chunk_0002.h5", "README.md", "manifest.json"):
         assert (tmp_path / "data" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
+    other = cv2.imencode(".png", np.full_like(cv2.imread(str(folder / "p_0.png"), 0), 90))[1]
+    (folder / "p_0.png").write_bytes(other.tobytes())
+    imported(folder, tmp_path / "data", table, resume=True)  # a chunk is made again where a picture changed
+    assert (read_frames(tmp_path / "data").images[0] == 90).all()
     with pytest.raises(DataError, match=r"exists already.*--resume"):
         imported(folder, tmp_path / "data", table)
     with pytest.raises(InputError, match="another configuration"):

@@ -22,10 +22,12 @@ from exosight.control.recording import Recorder
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.simulated_device import SimulatedDevice
 from exosight.control.sources import FrameStream, open_source
+from exosight.control.views import Views, cameras_of, joined, stacked_size
+from exosight.errors import InputError
 from exosight.evaluation.tables import Column, Table
 from exosight.system.schema import Channel
 from exosight.system.system import System
-from exosight.vision.pictures import Crop
+from exosight.vision.pictures import CameraCrop, Crop
 
 WORDS = {State.SLOW: "loads slowly", State.HOLD: "holds", State.RELEASE: "releases"}
 """What the controller does in each state but the normal one."""
@@ -166,7 +168,7 @@ class LiveRun:
     """What a run in real time is made of.
 
     system      that is simulated, or stands for the one before the camera; None: it is only observed
-    network     that reads the images, and its file
+    network     that reads the images, and its file; of several cameras one each
     config      what the controller knows of the system
     target      of each period [the controlled sensor's unit]
     record      new file for all that is seen, estimated and done, if there is to be one
@@ -174,8 +176,8 @@ class LiveRun:
     """
 
     system: System | None
-    network: OnnxEstimator
-    model: Path
+    network: OnnxEstimator | Views
+    model: tuple[Path, ...]
     config: ControllerConfig
     target: Sequence[float]
     record: Path | None = None
@@ -186,23 +188,47 @@ def on_simulation(run: LiveRun, log: Log) -> None:
     """Look at the simulated system, and actuate it."""
     assert run.system is not None
     guarded = guarded_of(run.controller, run.config)
-    device = SimulatedDevice(SimulatedPlant(run.system, run.config.period), run.config)
+    views = run.network.cameras if isinstance(run.network, Views) else ()
+    device = SimulatedDevice(SimulatedPlant(run.system, run.config.period, views), run.config)
     with written(run, guarded, log) as done, _lets_go(run.config):
         log.missed_at_end = run_live(device, run.network, guarded, device, run.target, done)
 
 
 @contextmanager
 def opened(
-    source: str | None, network: OnnxEstimator, crop: Crop | None
+    source: Sequence[str], network: OnnxEstimator | Views, crop: Crop | None, period: float
 ) -> Iterator[tuple[FrameStream, bool] | None]:
-    """The frames of a source, one of which has been read, and whether a camera gives them."""
-    if source is None:
+    """The frames of a source, or of one for each view, one of which has been read; whether cameras give them.
+
+    period   of the loop [s]
+    """
+    if not source:
         yield None
         return
+    networks = cameras_of(network)
+    if len(source) != len(networks):
+        raise InputError(
+            f"live: expected one source for each network, got {len(source)} and {len(networks)}; name as "
+            "many with --source as with --model"
+        )
+    if crop is not None and len(source) > 1:
+        raise InputError("--crop: expected one source with it, got several; crop their pictures beforehand")
+    from_camera = all(name.isdecimal() for name in source)
+    with ExitStack() as stack:
+        frames = [
+            stack.enter_context(closing(_open(name, own, crop or own.crop)))
+            for name, own in zip(source, networks, strict=True)
+        ]
+        if isinstance(network, Views):
+            frozen = frozen_frames(from_camera, period)
+            yield stack.enter_context(closing(joined(frames, network.sizes, frozen))), from_camera
+        else:
+            yield frames[0], from_camera
+
+
+def _open(name: str, network: OnnxEstimator, crop: Crop | CameraCrop | None) -> FrameStream:
     height, width = network.card.schema.image_size
-    part = crop or network.crop
-    with closing(open_source(source, width, height, part, lambda fault: say(f"not read: {fault}"))) as frames:
-        yield frames, source.isdecimal()
+    return open_source(name, width, height, crop, lambda fault: say(f"not read: {fault}"))
 
 
 def on_source(
@@ -249,8 +275,8 @@ def written(run: LiveRun, guarded: Guarded | Adaptive, log: Log) -> Iterator[Cal
     with ExitStack() as stack:
         recorder = None
         if run.record is not None:
-            shape = run.network.card.schema.image_size
-            recorder = stack.enter_context(closing(Recorder(run.record, shape, guarded, run.model)))
+            shape = stacked_size([each.card.schema.image_size for each in cameras_of(run.network)])
+            recorder = stack.enter_context(closing(Recorder(run.record, shape, guarded, *run.model)))
 
         def done(step: Step) -> None:
             log.append(step)

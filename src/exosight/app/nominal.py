@@ -2,6 +2,7 @@
 
 from exosight.app.pipeline import camera_of
 from exosight.control import OnnxEstimator
+from exosight.control.views import Views, cameras_of, check_fits
 from exosight.errors import InputError
 from exosight.exosuit.assembly import Exosuit
 from exosight.exosuit.published import PublishedDesigns
@@ -11,7 +12,9 @@ from exosight.system.schema import difference
 from exosight.system.system import System
 
 
-def nominal_system(designs: DesignSet, exosuit: Exosuit, estimator: OnnxEstimator | None = None) -> System:
+def nominal_system(
+    designs: DesignSet, exosuit: Exosuit, estimator: OnnxEstimator | Views | None = None
+) -> System:
     """The system without any variation.
 
     exosuit     the one that is worn, of the published system
@@ -22,11 +25,11 @@ def nominal_system(designs: DesignSet, exosuit: Exosuit, estimator: OnnxEstimato
     if isinstance(designs, FileDesigns):
         system = designs.build(designs.nominal())
     elif isinstance(designs, PublishedDesigns):
-        system = designs.preset(exosuit, camera_for(designs, estimator))
+        system = designs.preset(exosuit, camera_for(designs, estimator and cameras_of(estimator)[0]))
     else:
         raise InputError(f"system: {designs.name} has no nominal design; choose another, or a system file")
     if estimator is not None:
-        estimator.card.check_fits(system.schema, "system")
+        check_fits(estimator, system.schema, "system")
     return system
 
 

@@ -25,6 +25,7 @@ actuators         what carries the command to the plant
 realtime          the guarded loop at a fixed rate, which always ends at u = 0
 simulated_device  a simulated plant in the place of camera and actuator (needs JAX)
 recording         such a run as one file, and its frames through network and guard again
+mcap              that file for viewers of ROS 2 messages
 responses         settling, overshoot, steady-state error
 trials            the paper's three constant targets and three step responses
 stress            many random episodes in which much goes wrong

@@ -131,7 +131,7 @@ class Recording:
     """What a file holds: a row a step; see `columns` for units and meanings.
 
     path        of the file, which holds the images: `images` reads them one by one
-    model       SHA-256 of the network's file
+    model       SHA-256 of the network's file, see `checksum`
     controller  what the law knew of the plant, its schema and the names of sensor and channel among it
     guard       what was trusted
     adaptive    settings of the adaptive controller; None: it was the guarded one
@@ -185,13 +185,13 @@ class Recorder:
     path    of the new file
     shape   (height, width) of the pictures
     guarded the controller
-    model   the network's file
+    model   the network's file, of several cameras one each
 
     The file takes its name with its first rows: what ends before leaves nothing that would stand in the way.
     Raises DataError if the file exists or cannot be written.
     """
 
-    def __init__(self, path: Path, shape: tuple[int, int], guarded: Guarded | Adaptive, model: Path) -> None:
+    def __init__(self, path: Path, shape: tuple[int, int], guarded: Guarded | Adaptive, *model: Path) -> None:
         self._path, self._shape, self._rows = path, shape, []
         self._columns = columns(guarded.config)
         self._block = _block(guarded.config)
@@ -202,7 +202,7 @@ class Recorder:
             _reserve(self._at, 0, _HEAD)
             self._file = stack.enter_context(h5py.File(self._at, "w", libver="v110"))
             _reserve(self._at, 0, _HEAD)
-            _write_head(self._file, guarded, model, shape, self._block)
+            _write_head(self._file, guarded, checksum(*model), shape, self._block)
             self._file.swmr_mode = True
             self._open = stack.pop_all()
 
@@ -294,17 +294,18 @@ def read_recording(path: Path) -> Recording:
     return Recording(path, model, controller, guard, adaptive, **values)
 
 
-def checksum(model: Path) -> str:
-    """SHA-256 of a network's file, by which a recording names it."""
-    return hashlib.sha256(model.read_bytes()).hexdigest()
+def checksum(*models: Path) -> str:
+    """SHA-256 of a network's file, by which a recording names it; of several files, that of all of theirs."""
+    found = [hashlib.sha256(model.read_bytes()).hexdigest() for model in models]
+    return found[0] if len(found) == 1 else hashlib.sha256("".join(found).encode()).hexdigest()
 
 
 def _write_head(
-    file: h5py.File, guarded: Guarded | Adaptive, model: Path, shape: tuple[int, int], block: int
+    file: h5py.File, guarded: Guarded | Adaptive, model: str, shape: tuple[int, int], block: int
 ) -> None:
     file.attrs["format"] = f"{_FORMAT_PREFIX}{FORMAT}"
     file.attrs["exosight_version"] = __version__
-    file.attrs["model"] = checksum(model)
+    file.attrs["model"] = model
     file.attrs["guard"] = json.dumps(_GUARD.dump_python(guarded.guard))
     adaptive = guarded.adaptive if isinstance(guarded, Adaptive) else None
     file.attrs["adaptive"] = json.dumps(_ADAPTIVE.dump_python(adaptive))

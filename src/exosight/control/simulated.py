@@ -1,15 +1,16 @@
 """The simulated plant: a system, followed from equilibrium to equilibrium and rendered."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
 
 from exosight.control.loop import RATE
 from exosight.control.plant import Observation
+from exosight.control.views import stacked
 from exosight.errors import ConvergenceError
 from exosight.mechanics import Robot, State, advance, stack
 from exosight.mechanics.term import Memories
@@ -17,7 +18,7 @@ from exosight.system.observation import observe
 from exosight.system.schema import Schema
 from exosight.system.simulation import timed_loads
 from exosight.system.system import System, stack_systems
-from exosight.vision.scene import picture
+from exosight.vision.scene import Axes, picture
 
 
 @dataclass
@@ -32,10 +33,12 @@ class SimulatedPlant:
 
     system  what is simulated; its first camera looks at it
     period  in which commands change, evenly, from one to the next [s]; matters where rods relax
+    views   names of the cameras whose pictures are stacked instead, see `exosight.control.views`
     """
 
     system: System
     period: float = 1 / RATE
+    views: tuple[str, ...] = ()
     schema: Schema = field(init=False)
     _stacked: System = field(init=False, repr=False)
     _walk: "Callable[[_Point, tuple[float, ...], float], tuple[_Point, bool]]" = field(init=False, repr=False)
@@ -92,12 +95,20 @@ class SimulatedPlant:
         return Observation(
             schema=self.schema,
             commands=np.array(point.commands),
-            image=picture(self.system, {name: axis[0] for name, axis in seen.axes.items()})[0],
+            image=self._image({name: axis[0] for name, axis in seen.axes.items()}),
             readings=seen.readings[0, 0],
             q=q,
             converged=self._converged,
             min_eigenvalue=point.min_eigenvalue,
             history=history,
+        )
+
+    def _image(self, axes: Axes) -> UInt8[np.ndarray, "height width"]:
+        if not self.views:
+            return picture(self.system, axes)[0]
+        cameras = dict(self.system.cameras)
+        return stacked(
+            [picture(replace(self.system, cameras=((name, cameras[name]),)), axes)[0] for name in self.views]
         )
 
     @property

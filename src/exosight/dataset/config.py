@@ -27,6 +27,8 @@ class GenerateConfig:
     """name of a system, or a system file (*.toml)"""
     designs: Annotated[int, Field(ge=1, le=1_000_000)] | None = None
     """designs of a system file; 100 unless it is given"""
+    view: Annotated[str | None, Field(max_length=64, exclude_if=lambda name: name is None)] = None
+    """camera of a system file that the images are of, by its name; the first unless it is given"""
     per_scenario: Annotated[int, Field(ge=1, le=401)] = 10
     """published system: shapes of each of the eleven scenarios; the paper has 125"""
     frames: Annotated[int, Field(ge=2, le=10_000)] = 50

@@ -35,6 +35,8 @@ def resolved(config: GenerateConfig) -> tuple[GenerateConfig, Values | None]:
         )
     found = find_system(config.system)
     description = found.values if isinstance(found, FileDesigns) else None
+    if config.view is not None:
+        description = _seen_by(config.view, description)
     name = config.system if description is None else Path(config.system).name
     plant = config.plant
     if name == NAME_WITH_FRICTION and plant.friction is None:
@@ -42,6 +44,15 @@ def resolved(config: GenerateConfig) -> tuple[GenerateConfig, Values | None]:
     config = replace(config, system=name, plant=plant)
     design_set(config, description)
     return config, description
+
+
+def _seen_by(view: str, description: Values | None) -> Values:
+    """A file's entries with one of its cameras alone."""
+    cameras = {} if description is None else description["cameras"]
+    if description is None or view not in cameras:
+        known = ", ".join(cameras) or "that of a preset, which has one"
+        raise InputError(f"view: expected a camera of the system file, {known}, got {view!r}")
+    return {**description, "cameras": {view: cameras[view]}}
 
 
 def design_set(config: GenerateConfig, description: Values | None) -> DesignSet:

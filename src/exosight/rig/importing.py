@@ -22,7 +22,7 @@ from exosight.dataset.store import write_chunk
 from exosight.errors import DataError, InputError
 from exosight.rig.bags import bags_in, open_bags
 from exosight.rig.card import write_card
-from exosight.rig.folder import open_folder
+from exosight.rig.folder import PictureFolder, open_folder
 from exosight.rig.lerobot import is_lerobot, open_lerobot
 from exosight.rig.matching import match_rows
 from exosight.rig.matlab import open_mat
@@ -213,7 +213,7 @@ def store(
         for number, start in enumerate(starts):
             part = np.arange(start, min(start + job.frames_per_chunk, total))
             of = set(np.unique(found.readings.sequence[part]).tolist())
-            record = finished(folder, job, number, of)
+            record = finished(folder, _chunk_job(found, part), number, of)
             if record is None:
                 (folder / MANIFEST).unlink(missing_ok=True)  # until its chunks are whole, it is no dataset
                 record = _make_chunk(
@@ -287,6 +287,13 @@ def _with_units(table: ReadingTable, names: tuple[str, ...]) -> tuple[ReadingTab
     return ReadingTable(table.source, tuple(columns.values())), plain
 
 
+def _chunk_job(found: Import, part: np.ndarray) -> ImportJob:
+    """The job with the files of one chunk: where one of them was replaced, the chunk is made again."""
+    if not isinstance(found.pictures, PictureFolder):
+        return found.job
+    return replace(found.job, pictures=found.pictures.fingerprint_of(found.readings.pictures[part].tolist()))
+
+
 def _make_chunk(
     found: Import,
     folder: Path,
@@ -323,7 +330,7 @@ def _make_chunk(
     )
     times = {} if readings.time is None else {"time": readings.time[rows]}
     record = ChunkRecord(
-        job=identity(found.job),
+        job=identity(_chunk_job(found, part)),
         number=number,
         entry=write_chunk(folder, number, frames, times) if len(rows) else None,
         dofs=0,

@@ -48,7 +48,7 @@ class PictureSource(Protocol):
 
     @property
     def fingerprint(self) -> str:
-        """Changes if pictures are added, removed or replaced by others of another size."""
+        """Changes if pictures are added or removed."""
         ...
 
     def picture(self, place: int) -> Gray:

@@ -58,9 +58,8 @@ def test_the_true_parameters_are_found(found: Identification) -> None:
             true = split_quantity(TRUTH[each.entry], "1 m")[0]
             # Outlines are found to some hundredths of a pixel, of bodies of 60: some parts in a thousand.
             tolerance = 0.01 if each.low > 0 else 0.15
-            assert each.value == pytest.approx(true, rel=tolerance, abs=tolerance * (each.low < 0)), (
-                each.entry
-            )
+            near = 0.05 if "centre" in each.entry else tolerance * (each.low < 0)  # of a pixel of 1 mm
+            assert each.value == pytest.approx(true, rel=tolerance, abs=near), each.entry
             assert each.low < each.value < each.high
 
 
@@ -95,7 +94,7 @@ def test_a_further_picture_tells_what_its_information_adds(lever: Values, pictur
     model = Model(lever, parameters_of(lever, Prior()))
     problem = Problem(model, pictured.measured, Prior())
     state, _ = fit(problem)
-    known = posterior(state)
+    known = posterior(problem, state)
     command = np.array([[45.0]])
     (gain,) = information_gains(problem, known, command)
     numbers, slopes = problem.numbers(known.x), model.slopes(known.x[: len(model.parameters)])
@@ -106,7 +105,7 @@ def test_a_further_picture_tells_what_its_information_adds(lever: Values, pictur
     sigma = known.noise * np.sqrt(known.crowding)
     before, _ = information(state.rows, sigma)
     prior = np.eye(len(known.x))
-    np.testing.assert_allclose(known.covariance @ (before + prior), prior, atol=1e-6)
+    np.testing.assert_allclose(known.independent @ (before + prior), prior, atol=1e-6)
     after = before + by_x.T @ by_x / sigma**2
     rise = np.linalg.slogdet(after + prior)[1] - np.linalg.slogdet(before + prior)[1]
     assert gain == pytest.approx(rise / 2, rel=1e-6)

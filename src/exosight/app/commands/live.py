@@ -14,6 +14,7 @@ from exosight.app.commands.options import (
     Json,
     LoopOptions,
     MaybePath,
+    Paths,
     Pixels,
     Plot,
 )
@@ -25,6 +26,7 @@ from exosight.errors import InputError
 
 if TYPE_CHECKING:
     from exosight.control.estimator import OnnxEstimator
+    from exosight.control.views import Views
 
 MaybePositive = Annotated[
     Annotated[float, Field(gt=0, allow_inf_nan=False)] | None, tyro.conf.arg(help_behavior_hint="")
@@ -35,8 +37,8 @@ MaybePositive = Annotated[
 class DeviceOptions:
     """Camera and actuator."""
 
-    source: Annotated[str | None, tyro.conf.arg(metavar="CAMERA|PATH", help_behavior_hint="")] = None
-    """number of a camera, a folder of pictures or a video file"""
+    source: Annotated[tuple[str, ...], tyro.conf.arg(metavar="CAMERA|PATH", help_behavior_hint="")] = ()
+    """number of a camera, a folder of pictures or a video file; several, one for each network of --model"""
     crop: Pixels = None
     """part of each picture that the network gets [pixels]; default: of the camera that it learned from the
     part that was imported; else the largest in the middle of a camera's or video's, all of a picture file"""
@@ -79,7 +81,7 @@ def live(
     run: Annotated[RunOptions, tyro.conf.arg(name="")] = NOMINAL_RUN,
     loop: Annotated[LoopOptions, tyro.conf.arg(name="")] = NOMINAL_LOOP,
     exosuit: Annotated[ExosuitOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
-    model: MaybePath = None,
+    model: Paths = (),
     plot: Plot = None,
     json: Json = None,
 ) -> None:
@@ -99,13 +101,15 @@ def live(
       exosight live --system index --controller adaptive --model index-control
       exosight live --system thumb.toml --model results/thumb/model.onnx
       exosight live --source 0 --model results/rig/model.onnx --record run.h5
+      exosight live --source 0 1 --system rig.toml --model side/model.onnx top/model.onnx
 
     Args:
         device: camera and actuator
         run: target, duration, rate and limits
         loop: what is driven
         exosuit: of a preset
-        model: exported network, from exosight train; the package's own for the system if left out
+        model: exported network, from exosight train; the package's own for the system if left out.
+            Several are of one camera each, in the order of --source, and read as one (docs/realtime.md)
         plot: draw the sensor and the command over time, to a new file (PNG, PDF or SVG)
         json: write timing and the guard's log as JSON to a new file, or to stdout with "-"
     """
@@ -121,7 +125,7 @@ def live(
         raise InputError(
             "live: expected the command or JSON on stdout, got both; name a file for one of them"
         )
-    if device.source is None and (device.send is not None or device.crop is not None):
+    if not device.source and (device.send is not None or device.crop is not None):
         given = "--send" if device.crop is None else "--crop"
         raise InputError(f"live: expected --source with {given}; a simulated system is used as it is")
     if device.actuator is not None and device.send is None:
@@ -133,15 +137,16 @@ def live(
     from exosight.app.plots import plot_run, write_plot
     from exosight.control import CONTROL_SHAPE
     from exosight.control.actuator_curve import read_actuator_curve, within_curve
-    from exosight.control.estimator import OnnxEstimator, model_path
+    from exosight.control.estimator import model_path
     from exosight.control.tuning import tune
+    from exosight.control.views import cameras_of, open_network
     from exosight.exosuit.catalogue import find_system
     from exosight.system.designs import FileDesigns
 
-    place = model_path(model, loop.system)
-    network = OnnxEstimator.load(place, history=False)
-    if network.card.schema.measured:
-        network = OnnxEstimator.load(place, alone=True)  # no commands are known of what is not driven
+    places = tuple(model_path(each, loop.system) for each in model or (None,))
+    network = open_network(places)
+    if cameras_of(network)[0].card.schema.measured:
+        network = open_network(places, alone=True)  # no commands are known of what is not driven
         own, own_run = NOMINAL_LOOP, NOMINAL_RUN
         changed = {
             "system": loop.system != own.system, "sensor": loop.sensor, "channel": loop.channel,
@@ -150,8 +155,8 @@ def live(
             "send": device.send, "actuator": device.actuator,
             **{name.replace("_", "-"): True for name in exosuit.given()},
         }  # fmt: skip
-        refuse_control(network.card.schema.system, changed)
-        _observe(device, run, network, place, plot, json)
+        refuse_control(cameras_of(network)[0].card.schema.system, changed)
+        _observe(device, run, network, places, plot, json)
         return
     designs = find_system(loop.system)
     if isinstance(designs, FileDesigns):
@@ -162,7 +167,7 @@ def live(
         channel = system.schema.channel(loop.channel)
         curve = read_actuator_curve(device.actuator, channel)
         system = within_curve(system, channel.name, curve)
-    with opened(device.source, network, device.crop) as frames:
+    with opened(device.source, network, device.crop, 1 / run.rate) as frames:
         say("tuning the controller on a simulation of the system")
         limits = {"contact_limit": run.contact_limit, "rate": run.max_rate}
         config = tune(system, loop.sensor, loop.channel, period=1 / run.rate, **limits)
@@ -171,7 +176,7 @@ def live(
             unit = config.controlled.unit
             say(f"{config.sensor} reads at most {largest:.3f} {unit} within the limits, less than the target")
         targets, log = [target] * max(1, round(run.seconds * run.rate)), Log(say, config)
-        started = LiveRun(system, network, place, config, targets, run.record, run.controller)
+        started = LiveRun(system, network, places, config, targets, run.record, run.controller)
         try:
             if frames is None:
                 on_simulation(started, log)
@@ -191,8 +196,8 @@ def live(
 def _observe(
     device: DeviceOptions,
     run: RunOptions,
-    network: "OnnxEstimator",
-    place: Path,
+    network: "OnnxEstimator | Views",
+    places: tuple[Path, ...],
     plot: Path | None,
     json: str | None,
 ) -> None:
@@ -201,9 +206,10 @@ def _observe(
     from exosight.app.observing import ObservationLog, observe
     from exosight.app.plots import plot_estimates, write_plot
     from exosight.control.at_rest import at_rest
+    from exosight.control.views import cameras_of
 
-    schema = network.card.schema
-    with opened(device.source, network, device.crop) as frames:
+    schema = cameras_of(network)[0].card.schema
+    with opened(device.source, network, device.crop, 1 / run.rate) as frames:
         if frames is None:
             raise InputError(
                 f"live: expected --source with pictures, as of {schema.system} no simulation is known"
@@ -212,7 +218,7 @@ def _observe(
         log = ObservationLog(say, config)
         still = [0.0] * max(1, round(run.seconds * run.rate))
         try:
-            observe(LiveRun(None, network, place, config, still, run.record), frames, log)
+            observe(LiveRun(None, network, places, config, still, run.record), frames, log)
         finally:
             if log.steps:
                 say(log.end() + (f"; wrote {run.record}" if run.record and run.record.exists() else ""))

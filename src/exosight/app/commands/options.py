@@ -21,6 +21,7 @@ Plot = Annotated[Path | None, tyro.conf.arg(metavar="FILE", help_behavior_hint="
 """Where to draw what is found: a new file, PNG, PDF or SVG by its ending."""
 
 MaybePath = Annotated[Path | None, tyro.conf.arg(help_behavior_hint="")]
+Paths = Annotated[tuple[Path, ...], tyro.conf.arg(help_behavior_hint="")]
 """A place that may be left out; the help says what happens then."""
 
 Pixels = Annotated[

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 import tyro
 
-from exosight.app.commands.options import Json, MaybePath, Plot
+from exosight.app.commands.options import Json, Paths, Plot
 from exosight.app.console import check_json_target, say, show, write_json
 from exosight.app.output import check_plot
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def replay(
     recording: tyro.conf.Positional[Annotated[Path, tyro.conf.arg(metavar="FILE")]],
-    model: MaybePath = None,
+    model: Paths = (),
     plot: Plot = None,
     json: Json = None,
 ) -> None:
@@ -32,7 +32,8 @@ def replay(
 
     Args:
         recording: file from exosight live --record
-        model: exported network, from exosight train; the package's own for the recorded system if left out
+        model: exported network, from exosight train; the package's own for the recorded system if left out;
+            of several cameras one each, in the order of the run
         plot: draw sensor and command over time, recorded and replayed, to a new file (PNG, PDF or SVG)
         json: write every step as JSON to a new file, or to stdout with "-", instead of a table
     """
@@ -40,20 +41,21 @@ def replay(
     check_plot(plot)
     from exosight.app.live import timing_table
     from exosight.app.observing import WORDS
-    from exosight.control.estimator import OnnxEstimator, model_path
+    from exosight.control.estimator import model_path
     from exosight.control.recording import STATES, checksum, read_recording
     from exosight.control.replay import replay as run
+    from exosight.control.views import check_fits, open_network
 
     recorded = read_recording(recording)
     config = recorded.controller
-    place = model_path(model, config.schema.system)
-    network = OnnxEstimator.load(place, history=False)
-    network.card.check_fits(config.schema, "recording")
+    places = [model_path(each, config.schema.system) for each in model or (None,)]
+    network = open_network(places)
+    check_fits(network, config.schema, "recording")
     again = run(recorded, network)
     outputs = float(np.abs(again.estimated - recorded.estimated).max())
     u = float(np.abs(again.command - recorded.command).max())
     states = int(np.count_nonzero(again.state != recorded.state))
-    same = checksum(place) == recorded.model
+    same = checksum(*places) == recorded.model
     if json is None:
         show(timing_table(recorded.seconds, recorded.late))
         for i in np.flatnonzero(recorded.cause != b""):

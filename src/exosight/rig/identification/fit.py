@@ -262,10 +262,14 @@ def cost(state: Fit) -> float:
     return float(0.5 * np.sum(state.x**2) + rho.sum() + 0.5 * np.sum(state.rows.reading**2))
 
 
+def weights(rows: Rows, noise: float) -> Float[np.ndarray, " points"]:
+    """Of the outline's residuals [1/pixel²], smaller beyond HUBER deviations."""
+    return np.minimum(1.0, HUBER / np.maximum(np.abs(rows.outline) / noise, 1e-12)) / noise**2
+
+
 def information(rows: Rows, noise: float) -> tuple[np.ndarray, np.ndarray]:
     """Gauss–Newton matrix of the measurements, and the gradient of their cost."""
-    size = np.abs(rows.outline) / noise
-    weight = np.minimum(1.0, HUBER / np.maximum(size, 1e-12)) / noise**2
+    weight = weights(rows, noise)
     matrix = rows.slope.T @ (weight[:, None] * rows.slope) + rows.gain.T @ rows.gain
     return matrix, rows.slope.T @ (weight * rows.outline) + rows.gain.T @ rows.reading
 

@@ -24,9 +24,13 @@ UNKNOWN = 255
 
 SMALLEST = 30
 """Points that an outline needs; a body 2 pixels thick and 15 long has as many."""
-_DARKER, _EDGE = 8, 60
-"""Gray values by which pixels that a body touches, and half covers, are darker than the background."""
-_END = 2  # points left out at either end of a stretch
+_DARKER = 8
+"""Least gray values from the brightest body to half covered pixels, and from those to the background."""
+_FEWEST = 4
+"""Pixels of a gray that only one body has, from which it is told."""
+_END, _SHARED_END = 2, 3
+"""Points left out at either end of a stretch, and of one that two bodies share, beyond which they part
+slowly."""
 _STEP = 0.25  # between samples [pixels]
 
 
@@ -86,7 +90,7 @@ def _labels(
             f"{name}: expected an even background brighter than the device, got gray {background} most "
             "often; give masks instead of such pictures"
         )
-    covered = picture < background - _DARKER
+    covered = picture < (background + max(high for _, high in ranges)) / 2
     whole = np.asarray(ndimage.binary_erosion(covered, np.ones((3, 3), bool), border_value=1), bool)
     markers = np.zeros(picture.shape, np.int32)
     for body, (low, high) in enumerate(ranges):
@@ -94,24 +98,37 @@ def _labels(
         for other, (bottom, top) in enumerate(ranges):
             if other != body:
                 own &= (picture < bottom - 4) | (picture > top + 4)
-        if own.sum() < 4:
+        own = _thick(own)
+        if own.sum() < _FEWEST:
             raise DataError(
                 f"{name}: no pixel has the gray of body {body + 1} alone; it is not in the picture, or its "
                 "shade is too near to another one's: give masks instead"
             )
         markers[own] = body + 1
-    # Half covered pixels have about the mean of both grays; they show the body that is nearest.
-    device = whole | (picture < background - _EDGE)
     markers[~whole] = len(shades) + 1
     edges = np.where(whole, ndimage.morphological_gradient(picture, size=(3, 3)), 255).astype(np.uint8)
     flooded = np.asarray(ndimage.watershed_ift(edges, markers)).astype(int) - 1
     nearest = np.asarray(
         ndimage.distance_transform_edt(~whole, return_distances=False, return_indices=True), dtype=int
     )
+    # Half covered pixels have about the mean of both grays; they show the body that is nearest.
+    device = whole | (picture < (background + picture[nearest[0], nearest[1]].astype(float)) / 2)
     labels = np.where(device, flooded[nearest[0], nearest[1]], BACKGROUND)
     for body in range(len(shades)):
         labels[_specks(labels == body)] = UNKNOWN
     return labels
+
+
+def _thick(own: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:
+    """Without what is less than 5 pixels thick, or 3, where that leaves anything.
+
+    Across the blurred edge of a dark body grays pass through those of a brighter one, as thin lines.
+    """
+    for size in (5, 3):
+        opened = np.asarray(ndimage.binary_opening(own, np.ones((size, size), bool)), bool)
+        if opened.sum() >= _FEWEST:
+            return opened
+    return own
 
 
 def _specks(own: Bool[np.ndarray, "height width"]) -> Bool[np.ndarray, "height width"]:
@@ -203,6 +220,7 @@ def _stretches(
     outside = np.where(clear, outer[:, 0], -2)
     edge = points + shift[:, None] * normal
     for part in _runs(outside, -2):
-        if part.stop - part.start > 2 * _END:  # where three things meet, an edge is not straight
-            part = slice(part.start + _END, part.stop - _END)
+        end = _END if outside[part.start] == BACKGROUND else _SHARED_END
+        if part.stop - part.start > 2 * end:  # where three things meet, an edge is not straight
+            part = slice(part.start + end, part.stop - end)
             yield edge[part], outside[part]

@@ -6,7 +6,8 @@ Near its most likely value the whitened unknowns x are Gaussian (Laplace's appro
 
 J and G the derivatives of outlines and of readings over their errors. Neighbouring points of an outline err
 alike; τ, how many times the variance of means of neighbouring residuals exceeds that of means of independent
-ones, makes the points count as the fewer that they are worth.
+ones, makes the points count as the fewer that they are worth. What all pictures misplace alike is added to C
+(`shared_errors`).
 
 A further picture is worth ½ log det(1 + J' C J'ᵀ / τσ²), the expected gain of information about x [nats]
 (D. V. Lindley, On a measure of the information provided by an experiment, 1956, doi 10.1214/aoms/1177728069).
@@ -18,10 +19,19 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.errors import DataError
-from exosight.rig.identification.fit import HUBER, SMALLEST_NOISE, Fit, Problem, Rows, information
+from exosight.rig.identification.fit import (
+    HUBER,
+    SMALLEST_NOISE,
+    Fit,
+    Problem,
+    Rows,
+    information,
+    weights,
+)
 from exosight.rig.identification.misfit import filled
 from exosight.rig.identification.predicted import predicted_outline
 from exosight.rig.identification.response import at_rest, relaxed
+from exosight.rig.identification.shared_errors import shared_errors
 
 NORMAL_95 = 1.959963984540054
 OPEN = 0.7
@@ -85,24 +95,30 @@ class Posterior:
 
     x             (unknowns,)            most likely, in deviations of the prior
     covariance    (unknowns, unknowns)
+    independent   (unknowns, unknowns)   C, without the errors that pictures share
     noise         σ of the outline [pixels]
     crowding      τ [-]
     """
 
     x: Float[np.ndarray, " unknowns"]
     covariance: Float[np.ndarray, "unknowns unknowns"]
+    independent: Float[np.ndarray, "unknowns unknowns"]
     noise: float
     crowding: float
 
 
-def posterior(state: Fit) -> Posterior:
+def posterior(problem: Problem, state: Fit) -> Posterior:
     """That of a finished search."""
     size = np.minimum(np.abs(state.rows.outline), HUBER * state.noise)
     noise = max(float(np.sqrt(np.mean(size**2))), SMALLEST_NOISE)
     tau = correlation(state.rows)
-    matrix, _ = information(state.rows, noise * np.sqrt(tau))
-    covariance = np.linalg.inv(matrix + np.eye(len(state.x)))
-    return Posterior(state.x, covariance, noise, tau)
+    sigma = noise * np.sqrt(tau)
+    matrix, _ = information(state.rows, sigma)
+    independent = np.linalg.inv(matrix + np.eye(len(state.x)))
+    weight = weights(state.rows, sigma)
+    errors = problem.prior.shared * shared_errors(problem, state)
+    moves = independent @ (state.rows.slope.T @ (weight[:, None] * errors))
+    return Posterior(state.x, independent + moves @ moves.T, independent, noise, tau)
 
 
 def estimates(problem: Problem, known: Posterior) -> tuple[Estimate, ...]:
@@ -148,7 +164,7 @@ def information_gains(
     rest = np.tile(at_rest(numbers.system), (len(commands), 1))
     q, stable = relaxed(numbers.system, commands, rest, np.zeros_like(commands))
     gains = np.full(len(commands), np.nan)
-    factor = np.linalg.cholesky(known.covariance)
+    factor = np.linalg.cholesky(known.independent)
     for k in np.flatnonzero(stable):
         try:
             picture = filled(predicted_outline(numbers.system, q[k], camera))

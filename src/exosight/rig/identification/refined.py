@@ -145,7 +145,7 @@ class Refiner:
     def _result(
         self, problem: Problem, state: Fit, rested: bool, command: Float[np.ndarray, " channels"]
     ) -> Refined:
-        known = posterior(state)
+        known = posterior(problem, state)
         count = len(self._model.parameters)
         numbers, slopes = problem.numbers(state.x), self._model.slopes(state.x[:count])
         _, _, value, slope = problem.seen(state.x, numbers, slopes, problem.pictures[0], command, state.q[0])

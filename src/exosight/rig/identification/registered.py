@@ -88,7 +88,7 @@ def register(values: Values, outlines: tuple[Outline, ...], prior: Prior | None 
     commands = np.zeros((len(outlines), len(model.nominal.schema.channels)))
     problem = Problem(model, Measurements(commands, outlines), wide)
     state, _ = fit(problem)
-    known = posterior(state)
+    known = posterior(problem, state)
     places = [i for i, each in enumerate(unknown) if each.entry.startswith("cameras.")]
     camera = tuple(unknown[i] for i in places)
     x = state.x[places]

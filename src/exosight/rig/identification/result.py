@@ -96,7 +96,7 @@ def identify(
     if np.abs(path - state.q).max() > SAME_POSE:
         state, rested = refitted(problem, state)
         path, _ = followed(problem.numbers(state.x).system, problem.commands)
-    known = posterior(state)
+    known = posterior(problem, state)
     commands = _candidates(problem.commands)
     return Identification(
         values=values_at(values, problem.model.parameters, state.x[: len(problem.model.parameters)]),
