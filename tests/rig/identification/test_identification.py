@@ -56,10 +56,11 @@ def test_the_true_parameters_are_found(found: Identification) -> None:
     for each in found.estimates:
         if each.entry in TRUTH:
             true = split_quantity(TRUTH[each.entry], "1 m")[0]
-            # Outlines are found to some hundredths of a pixel, of bodies of 60: some parts in a thousand.
-            tolerance = 0.01 if each.low > 0 else 0.15
-            near = 0.05 if "centre" in each.entry else tolerance * (each.low < 0)  # of a pixel of 1 mm
-            assert each.value == pytest.approx(true, rel=tolerance, abs=near), each.entry
+            # Outlines are found to some hundredths of a pixel of 1 mm, of bodies of 60: some parts in a
+            # thousand of sizes, a tenth of a degree; mounts are known by a body's first pixels alone.
+            place = any(word in each.entry for word in ("centre", "roll"))
+            near = 0.1 if place else 0.15 * (each.low < 0)
+            assert each.value == pytest.approx(true, rel=0.0 if near else 0.01, abs=near), each.entry
             assert each.low < each.value < each.high
 
 
