@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -197,16 +198,17 @@ def test_terminal_escapes_in_causes_are_shown_as_text(
     recording: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from exosight.control import estimator
-    from exosight.control.estimator import Reading
+    from exosight.control.estimator import OnnxEstimator, Reading
 
     with h5py.File(recording, "a") as file:
         file["cause"][3] = "seen\x1b]0;title\x07…".encode()[:-1]  # cut within a letter
 
-    def read(images: np.ndarray) -> Reading:
-        zeros = np.zeros((1, 7), np.float32)
-        return Reading(zeros, zeros, zeros, zeros, np.zeros(1, np.float32))
+    class Network(OnnxEstimator):
+        def read(self, images: np.ndarray, *_: Any, **__: Any) -> Reading:
+            zeros = np.zeros((1, 7), np.float32)
+            return Reading(zeros, zeros, zeros, zeros, np.zeros(1, np.float32))
 
-    network = SimpleNamespace(read=read, card=SimpleNamespace(check_fits=lambda *_: None))
+    network = Network(None, SimpleNamespace(check_fits=lambda *_: None))
     monkeypatch.setattr(estimator.OnnxEstimator, "load", lambda *_, **__: network)
     command(recording)
     shown = capsys.readouterr()

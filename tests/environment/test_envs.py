@@ -182,7 +182,7 @@ def test_gymnasium_makes_many() -> None:
 
 def test_the_code_of_the_page_runs() -> None:
     page = (Path(__file__).parents[2] / "docs" / "gymnasium.md").read_text()
-    (code,) = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    code = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)[0]
     assert "num_envs=64" in code
     names: dict[str, Any] = {}
     exec(compile(code.replace("num_envs=64", f"num_envs={COUNT}"), "gymnasium.md", "exec"), names)

@@ -8,6 +8,7 @@ whoever changes a file can seal it again, so all that is in it is checked before
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cache
 from itertools import pairwise
@@ -228,7 +229,7 @@ def run_session(data: bytes, threads: int, name: str) -> Any:
         raise DataError(f"{name}: ONNX Runtime cannot use this model ({str(error)[:200]})") from error
 
 
-def read_card(kind: type, texts: dict[str, str], name: str, what: str = "estimator") -> Any:
+def read_card(kind: type, texts: Mapping[str, str | bytes], name: str, what: str = "estimator") -> Any:
     """The card in a model's metadata, a dataclass, checked to the last field; `what` is what it is of.
 
     Raises DataError if it is not such a card.
@@ -256,7 +257,7 @@ def _adapter(kind: type) -> pydantic.TypeAdapter:
     return pydantic.TypeAdapter(kind)
 
 
-def _value(name: str, kind: object, texts: dict[str, str]) -> object:
+def _value(name: str, kind: object, texts: Mapping[str, Any]) -> object:
     if kind is Text:
         return texts[name]
     try:

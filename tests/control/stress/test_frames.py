@@ -21,6 +21,8 @@ QUIET = StressConfig(dropped=(0.0, 0.0), repeated=(0.0, 0.0), bursts=0, latency=
 class Plants(BatchPlant):
     """Two plants whose C3 shows what they are told to."""
 
+    schema = SCHEMA
+
     def __init__(self) -> None:
         self.at(0.0)
 

@@ -101,7 +101,7 @@ def live(
       exosight live --system index --controller adaptive --model index-control
       exosight live --system thumb.toml --model results/thumb/model.onnx
       exosight live --source 0 --model results/rig/model.onnx --record run.h5
-      exosight live --source 0 1 --system rig.toml --model side/model.onnx top/model.onnx
+      exosight live --source 0 1 --system rig.toml --model side.onnx top.onnx
 
     Args:
         device: camera and actuator

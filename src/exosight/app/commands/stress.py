@@ -39,7 +39,7 @@ def stress(
     Examples:
       exosight stress --episodes 100
       exosight stress --system index --controllers oracle adaptive --gains
-      exosight stress --suite 2 --system index --controllers oracle adaptive --gains --causes 40
+      exosight stress --suite 2 --system index --controllers oracle adaptive
       exosight stress --system index --controllers adaptive learned --gains
       exosight stress --model results/light/model.onnx --out results/stress
       exosight stress --latency 0.1 0.1 --dropped 0.1 0.1 --no-wrong-plant
