@@ -204,11 +204,14 @@ def test_terminal_escapes_in_causes_are_shown_as_text(
         file["cause"][3] = "seen\x1b]0;title\x07…".encode()[:-1]  # cut within a letter
 
     class Network(OnnxEstimator):
+        def __init__(self) -> None:
+            object.__setattr__(self, "card", SimpleNamespace(check_fits=lambda *_: None))
+
         def read(self, images: np.ndarray, *_: Any, **__: Any) -> Reading:
             zeros = np.zeros((1, 7), np.float32)
             return Reading(zeros, zeros, zeros, zeros, np.zeros(1, np.float32))
 
-    network = Network(None, SimpleNamespace(check_fits=lambda *_: None))
+    network = Network()
     monkeypatch.setattr(estimator.OnnxEstimator, "load", lambda *_, **__: network)
     command(recording)
     shown = capsys.readouterr()
