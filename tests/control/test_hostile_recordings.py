@@ -205,7 +205,7 @@ def test_terminal_escapes_in_causes_are_shown_as_text(
 
     class Network(OnnxEstimator):
         def __init__(self) -> None:
-            object.__setattr__(self, "card", SimpleNamespace(check_fits=lambda *_: None))
+            object.__setattr__(self, "card", SimpleNamespace(check_fits=lambda *_: None, actuation=False))
 
         def read(self, images: np.ndarray, *_: Any, **__: Any) -> Reading:
             zeros = np.zeros((1, 7), np.float32)
