@@ -8,6 +8,7 @@ import numpy as np
 
 from exosight.mechanics import Robot
 from exosight.mechanics.evaluator import Evaluator, by_program, by_xla, prepare, program_of
+from exosight.mechanics.known_numbers import known_numbers
 from exosight.mechanics.metric import Metric
 from exosight.scalar_program import Unrolled
 
@@ -23,7 +24,8 @@ def both(
 ) -> list[list[np.ndarray]]:
     """What a program and XLA give for several poses."""
     leaves, structure = jax.tree.flatten(robot)
-    program = program_of(structure, tuple(np.shape(leaf) for leaf in leaves), loads.shape[1])
+    known = known_numbers(structure, [np.asarray(leaf)[None] for leaf in leaves])  # as solvers have it
+    program = program_of(structure, tuple(np.shape(leaf) for leaf in leaves), loads.shape[1], known)
     assert program is not None
 
     def run(evaluator: Evaluator, robot: Robot, q: jax.Array, loads: jax.Array, step: jax.Array) -> list:

@@ -15,7 +15,6 @@ import numpy as np
 import pydantic
 from jaxtyping import Float32
 
-import exosight
 from exosight.control.adaptive import AdaptiveConfig
 from exosight.control.frame_check import GuardConfig
 from exosight.control.learned import INPUTS, Learned
@@ -25,7 +24,6 @@ from exosight.files import write_new_file
 from exosight.learning.model_file import (
     Finite,
     Text,
-    card_to_metadata,
     read_card,
     read_model,
     run_session,
@@ -150,7 +148,7 @@ def write_policy(path: Path, card: PolicyCard, layers: Layers) -> None:
 def _model(card: PolicyCard, layers: Layers) -> Any:
     import onnx
 
-    from exosight.learning.model_graph import FILE_FORMAT, OPERATOR_SET
+    from exosight.learning.model_graph import model_of
 
     nodes, tensors, before = [], [], _INPUT
     for i, (weight, bias) in enumerate(layers):
@@ -170,13 +168,4 @@ def _model(card: PolicyCard, layers: Layers) -> Any:
         [value(_OUTPUT, onnx.TensorProto.FLOAT, ["batch", 1])],
         tensors,
     )
-    model = onnx.helper.make_model(
-        graph,
-        ir_version=FILE_FORMAT,
-        opset_imports=[onnx.helper.make_opsetid("", OPERATOR_SET)],
-        producer_name="exosight",
-        producer_version=exosight.__version__,
-    )
-    onnx.helper.set_model_props(model, card_to_metadata(card))
-    onnx.checker.check_model(model, full_check=True)
-    return model
+    return model_of(graph, card)

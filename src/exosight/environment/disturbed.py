@@ -31,6 +31,7 @@ from exosight.control.stress.frames import FrameDelivery, Images, Look, camera_s
 from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.control.stress.suite import EpisodeRun
 from exosight.environment.task import LARGEST_FORCE, REWARD_UNIT
+from exosight.environment.vectors import reseed, row
 from exosight.errors import InputError
 from exosight.exosuit.catalogue import find_system
 from exosight.exosuit.index import NAME
@@ -114,16 +115,7 @@ class DisturbedGripVectorEnv(VectorEnv):
         mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, bool)))
         if mask.shape != (self.num_envs,) or not mask.all():
             raise InputError("reset_mask: expected all grips, which end together, got a part of them")
-        seeds = (
-            seed
-            if isinstance(seed, Sequence)
-            else [None if seed is None else seed + i for i in range(self.num_envs)]
-        )
-        if len(seeds) != self.num_envs:
-            raise InputError(f"seed: expected one, or {self.num_envs}, got {len(seeds)}")
-        for i, own in enumerate(seeds):
-            if own is not None:
-                self._generators[i] = seeding.np_random(own)[0]
+        reseed(self._generators, seed, mask)
         self._begin()
         return self._observe(), self._info()
 
@@ -150,7 +142,7 @@ class DisturbedGripVectorEnv(VectorEnv):
         if self._over and self._mode is AutoresetMode.SAME_STEP:
             final = np.full(self.num_envs, None, dtype=object)
             for i in range(self.num_envs):
-                final[i] = _row(seen, i)
+                final[i] = row(seen, i)
             all_of_them = np.ones(self.num_envs, bool)
             self._begin()
             seen = self._observe()
@@ -254,12 +246,12 @@ class DisturbedGripEnv(gymnasium.Env):
         """Begin an episode, which the seed decides."""
         super().reset(seed=seed)
         seen, info = self._one.reset(seed=seed)
-        return _row(seen, 0), _single(info)
+        return row(seen, 0), _single(info)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict]:
         """One step; InputError for an action that is no finite number."""
         seen, rewards, _, over, info = self._one.step(np.reshape(action, (1, -1)))
-        return _row(seen, 0), float(rewards[0]), False, bool(over[0]), _single(info)
+        return row(seen, 0), float(rewards[0]), False, bool(over[0]), _single(info)
 
 
 def _look(plants: StressPlants, model: str | Path | None, pictured: bool) -> Look:
@@ -290,11 +282,6 @@ class _NoReader:
         """All 0."""
         none = np.zeros((len(images), self._outputs), np.float32)
         return Reading(none, none, none, none, none[:, 0])
-
-
-def _row(seen: Any, i: int) -> Any:
-    """One grip's observation."""
-    return {name: part[i] for name, part in seen.items()} if isinstance(seen, dict) else seen[i]
 
 
 def _single(info: dict[str, np.ndarray]) -> dict[str, float]:

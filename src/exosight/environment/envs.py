@@ -17,6 +17,7 @@ from exosight.environment.task import (
     observation_space,
     settings,
 )
+from exosight.environment.vectors import reseed, row
 from exosight.errors import InputError
 from exosight.exosuit.catalogue import nominal_system
 from exosight.exosuit.published import NAME
@@ -64,7 +65,7 @@ class GripEnv(gymnasium.Env):
         return _colour(self._grips.pictures())[0] if self.render_mode else None
 
     def _seen(self) -> tuple[Any, dict]:
-        return _row(self._grips.observe(), 0), {k: v[0].item() for k, v in self._grips.info.items()}
+        return row(self._grips.observe(), 0), {k: v[0].item() for k, v in self._grips.info.items()}
 
 
 class GripVectorEnv(VectorEnv):
@@ -119,16 +120,7 @@ class GripVectorEnv(VectorEnv):
         which = np.asarray(options.get("reset_mask", np.ones(self.num_envs, bool)))
         if which.shape != (self.num_envs,) or which.dtype != bool or not which.any():
             raise InputError(f"reset_mask: expected {self.num_envs} booleans, at least one of them true")
-        seeds = (
-            seed
-            if isinstance(seed, Sequence)
-            else [None if seed is None else seed + i for i in range(self.num_envs)]
-        )
-        if len(seeds) != self.num_envs:
-            raise InputError(f"seed: expected one, or {self.num_envs}, got {len(seeds)}")
-        for i, own in enumerate(seeds):
-            if own is not None and which[i]:
-                self._generators[i] = seeding.np_random(own)[0]
+        reseed(self._generators, seed, which)
         self._begin(which, options.get("target"))
         return self._grips.observe(), self._info()
 
@@ -146,7 +138,7 @@ class GripVectorEnv(VectorEnv):
             last = self._over
             final = np.full(self.num_envs, None, dtype=object)
             for i in np.flatnonzero(last):
-                final[i] = _row(seen, int(i))
+                final[i] = row(seen, int(i))
             info = {
                 "final_obs": final,
                 "_final_obs": last.copy(),
@@ -186,11 +178,6 @@ def _render_mode(mode: str | None) -> str | None:
     if mode not in (None, *_METADATA["render_modes"]):
         raise InputError(f"render_mode: expected rgb_array or none, got {mode!r}")
     return mode
-
-
-def _row(seen: Any, i: int) -> Any:
-    """One grip's observation."""
-    return {name: part[i] for name, part in seen.items()} if isinstance(seen, dict) else seen[i]
 
 
 def _colour(images: np.ndarray) -> np.ndarray:

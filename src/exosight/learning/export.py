@@ -22,8 +22,8 @@ from exosight.learning.causes import CAUSES, CauseClassifier
 from exosight.learning.checkpoint import Checkpoint, load_checkpoint, load_model
 from exosight.learning.contact import contact_shift
 from exosight.learning.intervals import Widths, calibrate_intervals
-from exosight.learning.model_file import ModelCard, card_to_metadata, open_session, seal
-from exosight.learning.model_graph import FILE_FORMAT, OPERATOR_SET
+from exosight.learning.model_file import ModelCard, open_session, seal
+from exosight.learning.model_graph import OPERATOR_SET, model_of
 from exosight.learning.model_inputs import IMAGE_ONLY, ModelInputs, check_inputs, stacked
 from exosight.learning.networks import SensorModel, answer_slices, answers
 from exosight.learning.ood import OodDetector, batches, fit_ood_detector
@@ -183,16 +183,7 @@ def _convert(model: nn.Module, card: ModelCard) -> onnx.ModelProto:
     clean = onnx.helper.make_graph(
         graph.node, "sensors_from_image", graph.input, graph.output, graph.initializer
     )
-    proto = onnx.helper.make_model(
-        clean,
-        ir_version=FILE_FORMAT,
-        opset_imports=[onnx.helper.make_opsetid("", OPERATOR_SET)],
-        producer_name="exosight",
-        producer_version=exosight.__version__,
-    )
-    onnx.helper.set_model_props(proto, card_to_metadata(card))
-    onnx.checker.check_model(proto, full_check=True)
-    return proto
+    return model_of(clean, card)
 
 
 def _verify(proto: onnx.ModelProto, deployed: _Deployed, card: ModelCard) -> None:

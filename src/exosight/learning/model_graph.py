@@ -11,8 +11,9 @@ import onnx
 from google.protobuf.message import DecodeError, Message
 from onnx import AttributeProto, TensorProto
 
+import exosight
 from exosight.errors import DataError
-from exosight.learning.model_file import BATCH
+from exosight.learning.model_file import BATCH, card_to_metadata
 
 # Operator set 18 with file format 8, both of ONNX 1.13 (2022): the oldest that PyTorch writes, so that
 # MATLAB's importNetworkFromONNX and other readers that lag behind can follow.
@@ -107,6 +108,20 @@ def check_graph(
     products = sum(_products(node, shapes) for node in nodes)
     if products > BATCH * (_PRODUCTS * pixels + _MORE_PRODUCTS):
         raise _refusal(name, f"{products / BATCH:.1e} multiplications for an image")
+
+
+def model_of(graph: onnx.GraphProto, card: Any) -> onnx.ModelProto:
+    """A graph with its card, a dataclass with a schema, as exosight writes it."""
+    model = onnx.helper.make_model(
+        graph,
+        ir_version=FILE_FORMAT,
+        opset_imports=[onnx.helper.make_opsetid("", OPERATOR_SET)],
+        producer_name="exosight",
+        producer_version=exosight.__version__,
+    )
+    onnx.helper.set_model_props(model, card_to_metadata(card))
+    onnx.checker.check_model(model, full_check=True)
+    return model
 
 
 def _refusal(name: str, fault: str) -> DataError:

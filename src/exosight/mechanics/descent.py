@@ -78,10 +78,9 @@ def accept(
     hidden = (jnp.abs(model) < noise) & (change > -noise)
     ratio = change / jnp.where(jnp.abs(model) > 0, model, -1e-300)
     good = jnp.where(hidden, (residual <= descent.residual) | ~descent.convex, (change < 0) & (ratio > 0.1))
+    jump = jnp.array(False)
     if there.coupling is not None:  # between stick and slip, Newton's method need not lead downhill
         good = good | (near_rest(descent) & (residual < 100 * NEAR) & (fraction >= 1))
-    jump = jnp.array(False)
-    if there.coupling is not None:
         jump = ~good & (fraction < SHORTEST)
     if not conservative:
         good = residual <= (1 - 1e-4 * fraction) * descent.residual

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 Known = bytes
 """Of each group of numbers: ZERO, ONE, or UNKNOWN."""
@@ -43,12 +43,10 @@ def known_numbers(structure: Hashable, leaves: Sequence[Float[np.ndarray, "robot
         return b""
     count = len(leaves[0])
     numbers = np.concatenate([leaves[i].reshape(count, -1) for i in groups.leaves], axis=1)[:, groups.order]
-    zero, one = (np.logical_and.reduceat(_all_equal(numbers, value), groups.start) for value in (0.0, 1.0))
+    zero, one = (
+        np.logical_and.reduceat(np.all(numbers == value, axis=0), groups.start) for value in (0.0, 1.0)
+    )
     return np.where(zero, ZERO, np.where(one, ONE, UNKNOWN)).astype(np.uint8).tobytes()
-
-
-def _all_equal(numbers: Float[np.ndarray, "robots numbers"], value: float) -> Bool[np.ndarray, " numbers"]:
-    return np.all(numbers == value, axis=0)
 
 
 def with_known(structure: Hashable, known: Known, leaves: Sequence[Any]) -> list[Any]:
@@ -75,19 +73,15 @@ def _groups(structure: Any, shapes: tuple[tuple[int, ...], ...]) -> Groups:
     leaves: list[int] = []
     total = 0
     for i, (path, leaf) in enumerate(jax.tree.leaves_with_path(robot)):
-        # What a term remembers is no number of the design.
-        if path[-1] == jax.tree_util.GetAttrKey("memory") or leaf.shape[-1:] not in ((3,), (4,), (6,)):
-            continue
-        if leaf.shape[-1] == 4 and leaf.shape[-2:] != (4, 4):
+        pose, remembered = leaf.shape[-2:] == (4, 4), path[-1] == jax.tree_util.GetAttrKey("memory")
+        if remembered or not (pose or leaf.shape[-1:] in ((3,), (6,))):
             continue
         places = total + np.arange(leaf.size)
-        columns = places.reshape(-1, leaf.shape[-1]).T
-        for k, column in enumerate(columns):
-            if leaf.shape[-2:] == (4, 4):
-                for place in column:
-                    members[i, place] = [place[None]]
-            else:
-                owner = path[:-1] if leaf.shape[-1] == 3 else path
+        if pose:
+            members |= {(path, place): [np.array([place])] for place in places.tolist()}
+        else:
+            owner = path[:-1] if leaf.shape[-1] == 3 else path
+            for k, column in enumerate(places.reshape(-1, leaf.shape[-1]).T):
                 members[owner, leaf.shape[-1], k].append(column)
         leaves.append(i)
         total += leaf.size

@@ -1,0 +1,69 @@
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from exosight import lie
+from exosight.exosuit.published import published
+from exosight.exosuit.shapes import ExosuitShape, Linear
+from exosight.mechanics import Robot
+from exosight.mechanics.evaluator import program_of
+from exosight.mechanics.known_numbers import UNKNOWN, known_numbers, with_known
+
+
+def planar(r0: float, r1: float) -> Robot:
+    return published(ExosuitShape(Linear(r0, r1), 0.095)).robot
+
+
+def leaves_of(*robots: Robot) -> list[np.ndarray]:
+    return [np.stack(parts) for parts in zip(*map(jax.tree.leaves, robots), strict=True)]
+
+
+def tilted(robot: Robot) -> Robot:
+    """Its finger stands out of the plane."""
+    turn = np.asarray(lie.exp(jnp.array([0.1, 0.0, 0.0, 0.0, 0.0, 0.0])))
+    return eqx.tree_at(lambda own: own.bodies[1].mount, robot, np.asarray(robot.bodies[1].mount) @ turn)
+
+
+@pytest.fixture(scope="module")
+def robots() -> tuple[Robot, Robot]:
+    return planar(0.01, 0.005), planar(0.006, 0.006)
+
+
+def test_what_is_known_is_what_the_robots_have(robots: tuple[Robot, Robot]) -> None:
+    structure = jax.tree.structure(robots[0])
+    known = known_numbers(structure, leaves_of(*robots))
+    for robot in robots:
+        own = jax.tree.leaves(robot)
+        for before, after in zip(own, with_known(structure, known, own), strict=True):
+            np.testing.assert_array_equal(after, before)
+
+
+def test_a_cylinder_is_no_case_of_its_own(robots: tuple[Robot, Robot]) -> None:
+    """The slope of its line is zero, the line's offset is not: that component stays unknown."""
+    structure = jax.tree.structure(robots[0])
+    alone = [known_numbers(structure, leaves_of(robot)) for robot in robots]
+    assert alone[0] == alone[1]
+
+
+def test_one_robot_out_of_the_plane_makes_its_numbers_unknown(robots: tuple[Robot, Robot]) -> None:
+    structure = jax.tree.structure(robots[0])
+    flat, mixed = (
+        known_numbers(structure, leaves_of(robots[0], other)) for other in (robots[1], tilted(robots[1]))
+    )
+    assert mixed.count(UNKNOWN) == flat.count(UNKNOWN) + 4  # cosine and sine of the turn about x, twice
+    own = jax.tree.leaves(tilted(robots[1]))
+    for before, after in zip(own, with_known(structure, mixed, own), strict=True):
+        np.testing.assert_array_equal(after, before)
+
+
+def test_a_program_leaves_out_what_is_known(robots: tuple[Robot, Robot]) -> None:
+    """Results are compared in test_evaluator, of robots whose zeros are known."""
+    structure, leaves = jax.tree.structure(robots[0]), leaves_of(*robots)
+    shapes = tuple(leaf.shape[1:] for leaf in leaves)
+    found = [program_of(structure, shapes, 1, known) for known in (b"", known_numbers(structure, leaves))]
+    if None in found:
+        pytest.skip("no interpreter on this machine")
+    every, fewer = (len(program.stages[1].code) for program in found if program is not None)
+    assert fewer < 0.6 * every
