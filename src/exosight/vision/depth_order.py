@@ -121,7 +121,8 @@ def _surface(row, column, distance, lines, number, ends, bright, light):
         out, beside, below, radius, depth = _foremost(row, column, number, lines, ends)
     right, up, towards, dim = light
     lit = (towards * out - up * below + right * beside) / max(radius + max(distance, 0.0), 1e-9)
-    return cover, bright * (dim + (1.0 - dim) * max(lit, 0.0)), beside, below, radius, depth
+    lit = min(max(lit, 0.0), 1.0)  # of large numbers round-off would make it more
+    return cover, bright * (dim + (1.0 - dim) * lit), beside, below, radius, depth
 
 
 @compiled
