@@ -30,7 +30,13 @@ def twists() -> np.ndarray:
 @pytest.fixture(scope="module")
 def maps(twists: np.ndarray) -> dict[str, np.ndarray]:
     """What the package makes of the twists, each map compiled once and called with a batch."""
-    names = {"exp": lie.exp, "tangent": lie.tangent, "ad": lie.ad, "coad": lie.coad}
+    names = {
+        "exp": lie.exp,
+        "tangent": lie.tangent,
+        "tangent_inverse": lie.tangent_inverse,
+        "ad": lie.ad,
+        "coad": lie.coad,
+    }
     return {name: np.asarray(compiled(function)(twists)) for name, function in names.items()}
 
 
@@ -165,6 +171,13 @@ def test_hat_is_the_cross_product(twists: np.ndarray) -> None:
     a, b = twists[:, :3], twists[:, 3:]
     product = np.einsum("nij,nj->ni", lie.hat(jnp.asarray(a)), b)
     np.testing.assert_allclose(product, np.cross(a, b), atol=1e-12, rtol=0)
+
+
+def test_inverse_of_the_tangent(twists: np.ndarray, maps: dict[str, np.ndarray]) -> None:
+    below = np.linalg.norm(twists[:, :3], axis=1) < 6.0  # at 2π there is none
+    products = (maps["tangent_inverse"] @ maps["tangent"])[below]
+    assert below.sum() > 30
+    np.testing.assert_allclose(products, np.broadcast_to(np.eye(6), products.shape), atol=1e-10, rtol=0)
 
 
 def test_translation_shifts() -> None:

@@ -131,7 +131,7 @@ def _quaternion(rotation: Float[AnyArray, "*batch 3 3"]) -> tuple[Array, Array]:
     )
     even = r + jnp.swapaxes(r, -1, -2)
     squares = jnp.stack([1 + xx + yy + zz, 1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz], axis=-1)
-    chosen = jnp.argmax(squares, axis=-1)
+    chosen = jnp.arange(4) == jnp.argmax(squares, axis=-1)[..., None]
     diagonal = jnp.eye(3) * squares[..., 1:, None]
     rows = even * (1 - jnp.eye(3)) + diagonal  # 4 v_i v
     table = jnp.concatenate(
@@ -141,8 +141,8 @@ def _quaternion(rotation: Float[AnyArray, "*batch 3 3"]) -> tuple[Array, Array]:
         ],
         axis=-2,
     )  # 4 times the products of all pairs
-    row = jnp.take_along_axis(table, chosen[..., None, None], axis=-2)[..., 0, :]
-    largest = jnp.take_along_axis(squares, chosen[..., None], axis=-1)
+    row = jnp.sum(jnp.where(chosen[..., None], table, 0.0), axis=-2)
+    largest = jnp.sum(jnp.where(chosen, squares, 0.0), axis=-1, keepdims=True)
     whole = row / (2 * jnp.sqrt(largest))
     whole = jnp.where(whole[..., :1] < 0, -whole, whole)
     return whole[..., 0], whole[..., 1:]
@@ -198,6 +198,15 @@ def tangent(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     """T(Ω) with d exp(Ω) · exp(Ω)⁻¹ = T(Ω) dΩ: the left Jacobian of SE(3)."""
     rotation, coupling = _tangent_blocks(twist)
     return _blocks(rotation, jnp.zeros_like(rotation), coupling, rotation)
+
+
+def tangent_inverse(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
+    """T(Ω)⁻¹, for rotations of less than 2π, where T has an inverse."""
+    rotation, coupling = _tangent_blocks(twist)
+    a, b, c = rotation[..., 0, :], rotation[..., 1, :], rotation[..., 2, :]
+    columns = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], axis=-1)
+    back = columns / jnp.sum(a * columns[..., 0], axis=-1)[..., None, None]  # by the determinant
+    return _blocks(back, jnp.zeros_like(back), -back @ coupling @ back, back)
 
 
 def tangent_on(

@@ -25,6 +25,7 @@ from exosight.mechanics import (
     drive,
     potential,
 )
+from backends import check
 
 STIFF = np.array([0.3, 0.5, 0.2, 40.0, 90.0, 60.0])
 
@@ -69,6 +70,10 @@ def test_derivatives_match_differences(joined: Robot, tree_pose: tuple, evaluate
     # Round-off 1e-16·Π/h and the square of the step, as for the other energies of the tree.
     np.testing.assert_allclose(here.gradient, by_energy, atol=1e-8)
     np.testing.assert_allclose(here.hessian, by_gradient, atol=1e-8)
+
+
+def test_has_a_program_that_agrees_with_xla(joined: Robot) -> None:
+    check(joined)
 
 
 # A four-bar linkage: crank, coupler and rocker on the ground line of length GROUND [m]; angles from it.

@@ -69,12 +69,12 @@ class Bushing(Term):
         both = np.array([a, b])
 
         def wrench(gap: Array) -> Array:
-            return jnp.linalg.solve(lie.tangent(gap).T, self.stiffness * gap)
+            return lie.tangent_inverse(gap).T @ (self.stiffness * gap)
 
         def expand(q: Array, motion: Motion, loads: Array) -> Expansion:
             to_rest = lie.inverse(motion.pose[a] @ self.rest)
             gap = lie.log(to_rest @ motion.pose[b])
-            stiffness = jax.jacfwd(wrench)(gap) @ jnp.linalg.inv(lie.tangent(gap))
+            stiffness = jax.jacfwd(wrench)(gap) @ lie.tangent_inverse(gap)
             from_world = lie.adjoint(to_rest)
             w = from_world.T @ wrench(gap)
             k = from_world.T @ (0.5 * (stiffness + stiffness.T)) @ from_world
