@@ -5,6 +5,7 @@ from collections.abc import Callable
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from backends import check
 from scipy.integrate import solve_bvp
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
@@ -25,7 +26,6 @@ from exosight.mechanics import (
     drive,
     potential,
 )
-from backends import check
 
 STIFF = np.array([0.3, 0.5, 0.2, 40.0, 90.0, 60.0])
 
