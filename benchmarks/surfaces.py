@@ -78,7 +78,9 @@ def share_apart(run: Driven) -> float:
 
 def reversal(run: Driven) -> dict:
     """Ways up and down at equal loads."""
-    (q, back), (energy, returned) = there_and_back(run.found.q), there_and_back(run.found.energy)
+    (q, back), (energy, returned) = (
+        there_and_back(np.asarray(each)) for each in (run.found.q, run.found.energy)
+    )
     same = np.abs(q - back).max(axis=-1) < 1e-6 * np.abs(q).max(axis=(1, 2))[:, None]
     stored = np.abs(energy - returned) / np.abs(energy).max(axis=1, keepdims=True)
     return {

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from exosight import lie
+from exosight.exosuit.index import index_friction
 from exosight.exosuit.published import published
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.mechanics import Robot
@@ -67,3 +68,24 @@ def test_a_program_leaves_out_what_is_known(robots: tuple[Robot, Robot]) -> None
         pytest.skip("no interpreter on this machine")
     every, fewer = (len(program.stages[1].code) for program in found if program is not None)
     assert fewer < 0.6 * every
+
+
+def test_what_a_term_has_of_another_one_is_computed_once() -> None:
+    """Friction holds its contact; with another stiffness in one robot it is no copy."""
+    robot = index_friction(ExosuitShape(Linear(0.01, 0.005), 0.095)).robot
+    other = eqx.tree_at(lambda own: own.terms[-1].contact.stiffness, robot, np.array(1.0))
+    structure, shapes = jax.tree.structure(robot), tuple(map(np.shape, jax.tree.leaves(robot)))
+    alike, apart = (known_numbers(structure, leaves_of(robot, second)) for second in (robot, other))
+    own = jax.tree.leaves(other)
+    for before, after in zip(own, with_known(structure, apart, own), strict=True):
+        np.testing.assert_array_equal(after, before)
+    found = [program_of(structure, shapes, 1, known) for known in (apart, alike)]
+    if None in found:
+        pytest.skip("no interpreter on this machine")
+    every, fewer = (len(program.stages[1].code) for program in found if program is not None)
+    assert fewer < 0.95 * every
+
+
+def test_robots_without_any_such_numbers() -> None:
+    structure = jax.tree.structure(Robot((), ()))
+    assert with_known(structure, known_numbers(structure, []), []) == []
