@@ -22,9 +22,8 @@ import numpy as np
 from benchmarks.timing import LANES, evaluation, in_turns, largest_difference, program
 from exosight.app.bench import cpu_name
 from exosight.cpu import cores
-from exosight.exosuit.assembly import Exosuit, assemble, assemble_surface
+from exosight.exosuit.assembly import Exosuit, assemble
 from exosight.exosuit.scenarios import sample_shapes
-from exosight.exosuit.shapes import TABLE_I, radius, radius_slope
 from exosight.mechanics import (
     Circular,
     DeadForce,
@@ -73,9 +72,7 @@ def chain(dofs: int) -> Robot:
 def exosuit(contacts: int) -> Robot:
     """The exosuit of `published` with so many contact spheres on its rod, together as stiff as its 42."""
     points = Gauss(elements=5, per_element=(contacts - 2) // 5)
-    worn = Exosuit(contact_stiffness=1000.0 * 42 / contacts)
-    surface, x = TABLE_I.surface, points.points
-    return assemble_surface(radius(surface, x), radius_slope(surface, x), TABLE_I.length, worn, points)
+    return assemble(Exosuit(contact_stiffness=1000.0 * 42 / contacts), points)
 
 
 OF_BATCH = np.array([[0.1], [0.2]])

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from exosight.exosuit.assembly import Exosuit, assemble_surface
+from exosight.exosuit.assembly import Exosuit, assemble
 from exosight.exosuit.index import with_surfaces
 from exosight.exosuit.published import system_of
 from exosight.exosuit.scenarios import SampledShape, sample_shapes
-from exosight.exosuit.shapes import ExosuitShape, radius, radius_slope
+from exosight.exosuit.shapes import ExosuitShape
 from exosight.mechanics import Equilibria, Gauss, Snap, locate_snaps
 from exosight.system.observation import observe
 from exosight.system.system import System, stack_systems
@@ -58,10 +58,8 @@ def with_points(samples: list[SampledShape], points: int) -> Driven:
 
 def _index(shape: ExosuitShape, points: Gauss) -> System:
     """`index` with other points along its rod."""
-    worn, x = Exosuit(shape), points.points
-    surface, slope = radius(shape.surface, x), radius_slope(shape.surface, x)
-    robot = assemble_surface(surface, slope, shape.length, worn, points)
-    return with_surfaces(system_of(robot, worn.finger), worn)
+    worn = Exosuit(shape)
+    return with_surfaces(system_of(assemble(worn, points), worn.finger), worn)
 
 
 def there_and_back(of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -177,7 +177,7 @@ def test_inverse_of_the_tangent(twists: np.ndarray, maps: dict[str, np.ndarray])
     below = np.linalg.norm(twists[:, :3], axis=1) < 6.0  # at 2π there is none
     products = (maps["tangent_inverse"] @ maps["tangent"])[below]
     assert below.sum() > 30
-    np.testing.assert_allclose(products, np.broadcast_to(np.eye(6), products.shape), atol=1e-10, rtol=0)
+    np.testing.assert_allclose(products, np.broadcast_to(np.eye(6), products.shape), atol=ROUND_OFF, rtol=0)
 
 
 def test_translation_shifts() -> None:

@@ -1,3 +1,5 @@
+"""What programs know of a design: that it stays what the robots have, and makes them shorter."""
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp

@@ -99,13 +99,16 @@ def varied(exosuit: Exosuit, variant: Variant) -> Exosuit:
     )
 
 
-def assemble(exosuit: Exosuit) -> Robot:
+def assemble(exosuit: Exosuit, quadrature: Gauss = QUADRATURE) -> Robot:
     """The robot of a worn exosuit: bodies `exosuit`, `finger_0` … and the energies of contact and actuation.
 
     Its single load is the actuation u [N]; u > 0 pushes along the line on the surface away from the finger.
+
+    quadrature   points along the rod, each a contact sphere
     """
-    x, shape = QUADRATURE.points, exosuit.shape
-    return assemble_surface(radius(shape.surface, x), radius_slope(shape.surface, x), shape.length, exosuit)
+    x, shape = quadrature.points, exosuit.shape
+    surface, slope = radius(shape.surface, x), radius_slope(shape.surface, x)
+    return assemble_surface(surface, slope, shape.length, exosuit, quadrature)
 
 
 def assemble_surface(

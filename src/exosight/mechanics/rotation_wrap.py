@@ -38,9 +38,9 @@ def wrap_rotations(
         over = (angle > _TURN) & ~held
         turn = twist[:3] * (1 - 2 * np.pi / jnp.where(over, angle, 2 * np.pi))
         # exp(ω, v) moves the origin by T(ω) v, T the tangent of the rotation alone.
-        tangent = lie.tangent(jnp.concatenate([turn, jnp.zeros(3)]))[:3, :3]
-        other = jnp.concatenate([turn, jnp.linalg.solve(tangent, lie.exp(twist)[:3, 3])])
-        rate = jnp.linalg.solve(lie.tangent(other), lie.tangent(twist) @ (axes @ v[own]))
+        back = lie.tangent_inverse(jnp.concatenate([turn, jnp.zeros(3)]))[:3, :3]
+        other = jnp.concatenate([turn, back @ lie.exp(twist)[:3, 3]])
+        rate = lie.tangent_inverse(other) @ (lie.tangent(twist) @ (axes @ v[own]))
         q = q.at[own].set(jnp.where(over, axes.T @ other, q[own]))
         v = v.at[own].set(jnp.where(over, axes.T @ rate, v[own]))
         changed = changed | over
