@@ -72,7 +72,7 @@ def history(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, d
     again = ["study", "--out", str(folder), "--resume"]
     held = {}
     for stage, where, words in (
-        ("simulating", "exosight.dataset.generation.simulate_designs", first),
+        ("simulating", "exosight.dataset.generation.solve_designs", first),
         ("second network", "exosight.app.study._network_result", again),
         ("closed loop", "exosight.app.study.run_with_progress", again),
     ):

@@ -20,6 +20,7 @@ from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Frames
 from exosight.dataset.generation import generate, make_chunk
 from exosight.dataset.job import GenerationJob, opened
+from exosight.dataset.simulation import Solved
 from exosight.errors import DataError, InputError
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet
@@ -33,23 +34,36 @@ DROPPED = {"not_converged": 0, "crosses_itself": 2, "tip_below_finger": 1}
 JOB = GenerationJob(CONFIG, None, tuple(DROPPED), 4)
 
 
-def simulated(
+def solved(
     config: GenerateConfig,
     designs: DesignSet,
     chosen: Sequence[Design],
-    done: Callable[[int], None] = lambda designs: None,
-    kept: object = None,
-) -> tuple[Frames, dict[str, int]]:
-    """In place of the simulation, which takes seconds a chunk: made-up frames of these designs."""
+    done: Callable[[int], None],
+    kept: object,
+) -> Solved:
+    """In place of the solution, which takes seconds a chunk: none."""
     done(len(chosen))
+    return Solved([], [], None)
+
+
+def simulated(
+    config: GenerateConfig, designs: DesignSet, chosen: Sequence[Design], solved: object
+) -> tuple[Frames, dict[str, int]]:
+    """Made-up frames of these designs."""
     seed = chosen[0].number + 1000 * config.seed
     return made_up(chosen, config.frames, seed, designs.schema), DROPPED
 
 
+def without_simulation(patch: pytest.MonkeyPatch) -> None:
+    """Chunks of four designs, made up."""
+    patch.setattr(generation, "DESIGNS_PER_CHUNK", 4)
+    patch.setattr(generation, "solve_designs", solved)
+    patch.setattr(generation, "frames_of", simulated)
+
+
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(generation, "DESIGNS_PER_CHUNK", 4)
-    monkeypatch.setattr(generation, "simulate_designs", simulated)
+    without_simulation(monkeypatch)
 
 
 def contents(folder: Path) -> dict[str, str]:
@@ -62,8 +76,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A dataset made without interruption."""
     folder = tmp_path_factory.mktemp("made") / "whole"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(generation, "DESIGNS_PER_CHUNK", 4)
-        patch.setattr(generation, "simulate_designs", simulated)
+        without_simulation(patch)
         generate(CONFIG, folder)
     return folder
 
@@ -80,9 +93,9 @@ def made_numbers(monkeypatch: pytest.MonkeyPatch) -> list[int]:
 
     def counted(config: GenerateConfig, designs: DesignSet, chosen: Sequence[Design], *rest):
         numbers.append(chosen[0].number)
-        return simulated(config, designs, chosen, *rest)
+        return solved(config, designs, chosen, *rest)
 
-    monkeypatch.setattr(generation, "simulate_designs", counted)
+    monkeypatch.setattr(generation, "solve_designs", counted)
     return numbers
 
 
@@ -140,9 +153,9 @@ def test_a_stopped_job_loses_the_chunk_in_flight_alone(
 ) -> None:
     """Whatever moment, the files end up as those of a job that was never stopped."""
     place = {
-        "before a chunk": "simulate_designs",
+        "before a chunk": "solve_designs",
         "frames written, no record": "write_record",
-        "record written": "make_chunk",
+        "record written": "_chunk",
         "before the manifest": "write_manifest",
     }[stop]
     original, calls = getattr(generation, place), []
@@ -172,7 +185,8 @@ from exosight.dataset import generation
 from tests.dataset import test_generation as tests
 from exosight import files
 
-generation.DESIGNS_PER_CHUNK, generation.simulate_designs = 4, tests.simulated
+generation.DESIGNS_PER_CHUNK = 4
+generation.solve_designs, generation.frames_of = tests.solved, tests.simulated
 written = []
 real = os.fsync
 
@@ -343,7 +357,7 @@ def test_while_it_is_mended_it_is_no_dataset(whole: Path, monkeypatch: pytest.Mo
             read_manifest(whole)
         return simulated(*arguments)
 
-    monkeypatch.setattr(generation, "simulate_designs", seen)
+    monkeypatch.setattr(generation, "frames_of", seen)
     generate(CONFIG, whole, resume=True)
     assert len(read_frames(whole)) == 22 * CONFIG.frames
 
@@ -425,7 +439,7 @@ def nothing(
 def test_dataset_without_a_single_frame_is_no_dataset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(generation, "simulate_designs", nothing)
+    monkeypatch.setattr(generation, "frames_of", nothing)
     with pytest.raises(InputError, match=r"no frame is worth keeping \(.*crosses itself 66"):
         generate(CONFIG, tmp_path / "data")
     with pytest.raises(DataError, match="incomplete"):
@@ -438,7 +452,7 @@ def test_a_chunk_without_frames_is_left_out_and_not_made_again(
     def first_empty(config: GenerateConfig, designs: DesignSet, chosen: Sequence[Design], *rest):
         return (nothing if chosen[0].number == 0 else simulated)(config, designs, chosen, *rest)
 
-    monkeypatch.setattr(generation, "simulate_designs", first_empty)
+    monkeypatch.setattr(generation, "frames_of", first_empty)
     manifest = generate(CONFIG, tmp_path / "data")
     assert [chunk.file for chunk in manifest.chunks] == [f"chunk_000{k}.h5" for k in range(1, CHUNKS)]
     assert manifest.dropped["crosses_itself"] == 3 * 4 + 2 * (CHUNKS - 1)

@@ -3,11 +3,13 @@
 This module needs JAX; reading a dataset, or `GenerateConfig`, does not.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from math import prod
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from pydantic import TypeAdapter
@@ -34,7 +36,7 @@ from exosight.dataset.manifest import (
     read_manifest,
     write_manifest,
 )
-from exosight.dataset.simulation import causes, simulate_designs
+from exosight.dataset.simulation import Solved, causes, frames_of, solve_designs
 from exosight.dataset.solved import SolvedDesigns
 from exosight.dataset.store import write_chunk
 from exosight.dataset.variation import shades_of, variation_columns
@@ -91,8 +93,8 @@ def generate(
 
         (folder / MANIFEST).unlink(missing_ok=True)  # until its chunks are whole, it is no dataset
         if workers == 1 and scheduler is None:
-            for number in missing:
-                records[number] = make_chunk(folder, job, number, step)
+            for record in _make_chunks(folder, job, missing, step):
+                records[record.number] = record
         else:
             task = partial(make_chunk, folder, job)
             for record in on_cluster(task, missing, workers, scheduler):
@@ -116,27 +118,67 @@ def make_chunk(
             f"chunk {number}: the job is one of exosight {job.exosight_version}, this process runs "
             f"{__version__}; install the same version everywhere"
         )
-    designs, drawn = _designs(job)
-    group = job.groups(len(drawn))[number]
-    record = finished(folder, job, number, group)
-    if record is None:
-        chosen = [drawn[i] for i in group]
-        kept = SolvedDesigns(folder, number, identity(job))
-        frames, dropped = simulate_designs(job.config, designs, chosen, done, kept)
-        columns = variation_columns(job.config, designs, chosen, frames)
+    chunk = _chunk(folder, job, number)
+    return finished(folder, job, number, chunk.group) or chunk.store(chunk.solve(done))
+
+
+class _Chunk(NamedTuple):
+    """The designs of one chunk, to be solved and stored."""
+
+    folder: Path
+    job: GenerationJob
+    number: int
+    group: range
+    designs: DesignSet
+    chosen: list[Design]
+
+    @property
+    def kept(self) -> SolvedDesigns:
+        """Its designs that are solved, on disk until it is stored."""
+        return SolvedDesigns(self.folder, self.number, identity(self.job))
+
+    def solve(self, done: Callable[[int], None]) -> Solved:
+        return solve_designs(self.job.config, self.designs, self.chosen, done, self.kept)
+
+    def store(self, solved: Solved) -> ChunkRecord:
+        config = self.job.config
+        frames, dropped = frames_of(config, self.designs, self.chosen, solved)
+        columns = variation_columns(config, self.designs, self.chosen, frames)
         record = ChunkRecord(
-            job=identity(job),
-            number=number,
+            job=identity(self.job),
+            number=self.number,
             entry=None,
             dofs=frames.pose.shape[1],
-            kept=tuple(np.bincount(frames.scenario, minlength=len(designs.scenarios)).tolist()),
+            kept=tuple(np.bincount(frames.scenario, minlength=len(self.designs.scenarios)).tolist()),
             dropped=dropped,
         )
         if len(frames):
-            record = replace(record, entry=write_chunk(folder, number, frames, columns))
-        write_record(folder, record)  # after the frames: what has a record is whole
-        kept.remove()
-    return record
+            record = replace(record, entry=write_chunk(self.folder, self.number, frames, columns))
+        write_record(self.folder, record)  # after the frames: what has a record is whole
+        self.kept.remove()
+        return record
+
+
+def _chunk(folder: Path, job: GenerationJob, number: int) -> _Chunk:
+    designs, drawn = _designs(job)
+    group = job.groups(len(drawn))[number]
+    return _Chunk(folder, job, number, group, designs, [drawn[i] for i in group])
+
+
+def _make_chunks(
+    folder: Path, job: GenerationJob, numbers: Sequence[int], done: Callable[[int], None]
+) -> Iterator[ChunkRecord]:
+    """Chunks made one after the other: while one is solved, the one before it is drawn and stored."""
+    with ThreadPoolExecutor(1) as behind:
+        storing: Future[ChunkRecord] | None = None
+        for number in numbers:
+            chunk = _chunk(folder, job, number)
+            solved = chunk.solve(done)
+            if storing:
+                yield storing.result()
+            storing = behind.submit(chunk.store, solved)
+        if storing:
+            yield storing.result()
 
 
 def _job(config: GenerateConfig, begun: Path | None) -> GenerationJob:

@@ -4,6 +4,7 @@ This module needs JAX; reading a dataset, or `GenerateConfig`, does not.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -35,22 +36,50 @@ def causes(designs: DesignSet) -> tuple[str, ...]:
 
 
 def simulate_designs(
+    config: GenerateConfig, designs: DesignSet, chosen: Sequence[Design]
+) -> tuple[Frames, dict[str, int]]:
+    """The frames of some designs, and how many were dropped, by cause: `solve_designs`, then `frames_of`."""
+    return frames_of(config, designs, chosen, solve_designs(config, designs, chosen))
+
+
+class Solved(NamedTuple):
+    """Some designs at the frames of their paths.
+
+    found   their equilibria, with batch shape (designs, frames)
+    """
+
+    systems: list[System]
+    paths: list[LoadPath]
+    found: Equilibria
+
+
+def solve_designs(
     config: GenerateConfig,
     designs: DesignSet,
     chosen: Sequence[Design],
     done: Callable[[int], None] = lambda designs: None,
     kept: Kept | None = None,
-) -> tuple[Frames, dict[str, int]]:
-    """The frames of some designs, and how many were dropped, by cause.
+) -> Solved:
+    """The equilibria of every design at the frames of its path.
 
-    Depends on the configuration and these designs alone: the same whichever process simulates them, and when.
+    Depends on the configuration and these designs alone: the same whichever process solves them, and when.
 
     done   called with the number of designs finished, as they finish
     kept   designs that an earlier call solved; keeps what this one does
     """
     systems = [designs.build(design) for design in chosen]
     paths = [load_path(designs.schema, config.frames, config.seed, design.number) for design in chosen]
-    found = _solve(systems, paths, done, kept)
+    loads = [system.loads(path.commands) for system, path in zip(systems, paths, strict=True)]
+    found = drive([system.robot for system in systems], np.stack(loads), done=done, kept=kept)
+    frames = paths[0].frames
+    return Solved(systems, paths, jax.tree.map(lambda leaf: leaf[:, frames], found))
+
+
+def frames_of(
+    config: GenerateConfig, designs: DesignSet, chosen: Sequence[Design], solved: Solved
+) -> tuple[Frames, dict[str, int]]:
+    """What is seen and measured of solved designs, filtered, and how many frames were dropped, by cause."""
+    systems, paths, found = solved
     seen = _observed(systems, found)
     cause = first_cause(designs, systems[0], np.asarray(found.converged), seen)
     names = causes(designs)
@@ -155,14 +184,3 @@ def _observed(systems: Sequence[System], found: Equilibria) -> Observation:
         left = len(systems) - start
         parts.append(jax.tree.map(lambda leaf, left=left: np.asarray(leaf)[:left], seen))
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-
-
-def _solve(
-    systems: Sequence[System], paths: Sequence[LoadPath], done: Callable[[int], None], kept: Kept | None
-) -> Equilibria:
-    """The equilibria of every system at the frames of its path, with batch shape (systems, frames)."""
-    robots = [system.robot for system in systems]
-    loads = [system.loads(path.commands) for system, path in zip(systems, paths, strict=True)]
-    frames = paths[0].frames
-    found = drive(robots, np.stack(loads), done=done, kept=kept)
-    return jax.tree.map(lambda leaf: leaf[:, frames], found)
