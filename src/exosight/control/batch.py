@@ -16,7 +16,7 @@ from exosight.mechanics import JointTorque, Link, Robot, advance
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.mechanics.quasistatic import unstrained
 from exosight.system.camera import Camera
-from exosight.system.observation import observe
+from exosight.system.observation import observing
 from exosight.system.schema import Schema, difference
 from exosight.system.system import System, stack_systems
 from exosight.vision.renderer import render
@@ -125,7 +125,7 @@ class BatchPlant:
         self._gain = np.stack([system.loads(np.ones(len(self.schema.channels))) for system in systems])
         movable = {id(system): _movable(system) for system in systems}
         self._stacked = stack_systems(systems)
-        self._observed = jax.device_put(self._stacked)  # once, and not with every step
+        self._observe = observing(self._stacked)
         self._own = stack_systems([movable[id(system)] for system in systems])
         self._links = [body for body in systems[0].bodies if isinstance(body, Link) and body.joint.dofs]
         count = len(systems)
@@ -236,7 +236,7 @@ class BatchPlant:
     def _look(self, converged: Bool[np.ndarray, " plants"]) -> BatchState:
         q = np.array(self._reached.q)
         history = tuple(memory[:, None] for memory in self._reached.history)
-        seen = jax.device_get(observe(self._observed, q[:, None], history))
+        seen = jax.device_get(self._observe(q[:, None], history))
         self._state = BatchState(
             self.schema,
             self._commands.copy(),

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -14,9 +15,9 @@ from exosight.control.views import stacked
 from exosight.errors import ConvergenceError
 from exosight.mechanics import Robot, State, advance, stack
 from exosight.mechanics.term import Memories
-from exosight.system.observation import observe
+from exosight.system.observation import Observation as Observed
+from exosight.system.observation import observing
 from exosight.system.schema import Schema
-from exosight.system.simulation import timed_loads
 from exosight.system.system import System, stack_systems
 from exosight.vision.scene import Axes, picture
 
@@ -40,17 +41,17 @@ class SimulatedPlant:
     period: float = 1 / RATE
     views: tuple[str, ...] = ()
     schema: Schema = field(init=False)
-    _stacked: System = field(init=False, repr=False)
+    _observe: "Callable[..., Observed]" = field(init=False, repr=False)
     _walk: "Callable[[_Point, tuple[float, ...], float], tuple[_Point, bool]]" = field(init=False, repr=False)
     _now: "_Point | None" = field(init=False, repr=False, default=None)
     _converged: bool = field(init=False, repr=False, default=True)
 
     def __post_init__(self) -> None:
         self.schema = self.system.schema
-        self._stacked = jax.device_put(stack_systems([self.system]))  # once, and not with every look
+        self._observe = observing(stack_systems([self.system]))
         # A loop that swings between two commands walks the same two ways for ever: they are remembered.
         self._robot = self.system.robot_in_time if self.system.relaxations else self.system.robot
-        self._walk = lru_cache(maxsize=8)(partial(_walk, self.system, stack([self._robot])))
+        self._walk = lru_cache(maxsize=8)(partial(_walk, _Loads.of(self.system), stack([self._robot])))
 
     def reset(self) -> Observation:
         """Return to commands of 0 from the unstrained pose, forgetting the path so far.
@@ -91,7 +92,7 @@ class SimulatedPlant:
         q = np.array(point.q)
         history = tuple(np.array(memory) for memory in point.history)
         of_one = tuple(memory[None, None] for memory in history)
-        seen = jax.device_get(observe(self._stacked, q[None, None], of_one))
+        seen = jax.device_get(self._observe(q[None, None], of_one))
         return Observation(
             schema=self.schema,
             commands=np.array(point.commands),
@@ -133,22 +134,37 @@ class _Point:
     time: float = 0.0
 
 
+class _Loads(NamedTuple):
+    """A robot's loads at commands, and back, see `System`: bound once, as binding takes longer than a call.
+
+    in_time   the last load is the time [s]
+    """
+
+    at: Callable[[np.ndarray], np.ndarray]
+    commands: Callable[[np.ndarray], np.ndarray]
+    in_time: bool
+
+    @classmethod
+    def of(cls, system: System) -> "_Loads":
+        return cls(system.loads, system.commands, bool(system.relaxations))
+
+
 def _walk(
-    system: System, stacked: Robot, start: _Point, commands: tuple[float, ...], time: float
+    of_robot: _Loads, stacked: Robot, start: _Point, commands: tuple[float, ...], time: float
 ) -> tuple[_Point, bool]:
     """The last equilibrium on the way from `start` to the commands, and whether that is the one at these."""
     loads = [
-        timed_loads(system, np.array([each]), np.array([then]) if system.relaxations else None)
+        np.array([[*of_robot.at(np.array(each)), *([then] if of_robot.in_time else [])]])
         for each, then in ((start.commands, start.time), (commands, time))
     ]
     memories = tuple(np.array(memory)[None] for memory in start.history)
     state, found = advance(stacked, State(np.array([start.q]), loads[0], memories), loads[1])
     converged = bool(found.converged[0])
     stopped = np.asarray(state.loads)[0]
-    reached = commands if converged else tuple(system.commands(stopped[: len(commands)]).tolist())
+    reached = commands if converged else tuple(of_robot.commands(stopped[: len(commands)]).tolist())
     q = tuple(np.asarray(state.q)[0].tolist())
     history = _plain(tuple(memory[0] for memory in state.history))
-    at = float(stopped[-1]) if system.relaxations else 0.0
+    at = float(stopped[-1]) if of_robot.in_time else 0.0
     return _Point(reached, q, float(found.min_eigenvalue[0]), history, at), converged
 
 

@@ -1,7 +1,7 @@
 """What sensors read, and where surfaces are, at coordinates of a system."""
 
-from collections.abc import Iterable, Mapping
-from functools import partial
+from collections.abc import Callable, Hashable, Iterable, Mapping
+from functools import lru_cache, partial
 
 import equinox as eqx
 import jax
@@ -125,7 +125,6 @@ def _profiles(
     return jax.vmap(at)(states, history)
 
 
-@eqx.filter_jit
 def observe(
     systems: System, q: Float[AnyArray, "systems states dofs"], history: Memories = ()
 ) -> Observation:
@@ -136,9 +135,29 @@ def observe(
 
     Raises InputError for a history that is not the systems'.
     """
-    return jax.vmap(lambda system, *path: jax.vmap(partial(observe_state, system))(*path))(
-        systems, jnp.asarray(q), history
-    )
+    return observing(systems)(q, history)
+
+
+def observing(systems: System) -> Callable[..., Observation]:
+    """`observe` of these systems, to be called with (q, history) many times: they are taken apart once."""
+    numbers, structure = jax.tree.flatten(systems)
+    return partial(_observed(structure), jax.device_put(numbers))
+
+
+@lru_cache(maxsize=64)
+def _observed(structure: Hashable) -> Callable[..., Observation]:
+    """Compiled for systems of one structure."""
+
+    @jax.jit
+    def observed(
+        numbers: list[Array], q: Float[Array, "systems states dofs"], history: Memories = ()
+    ) -> Observation:
+        def of_states(system: System, q: Array, history: Memories) -> Observation:
+            return jax.vmap(partial(observe_state, system))(q, history)
+
+        return jax.vmap(of_states)(jax.tree.unflatten(structure, numbers), q, history)
+
+    return observed
 
 
 def observe_state(system: System, q: Float[Array, " dofs"], history: Memories = ()) -> Observation:
