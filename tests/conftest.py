@@ -6,6 +6,7 @@ XLA's older code generator, without optimisation, makes it in a quarter of the t
 its own back when a file of tests is done: kept to the end it came to 5 GB.
 """
 
+import ast
 import ctypes
 import gc
 import os
@@ -42,6 +43,19 @@ def _compiled_file(typechecker: str, path: str, *rest: object) -> str:
 
 
 _import_hook._optimized_cache_from_source = _compiled_file
+
+
+class _OfModulesAndClasses(_import_hook.JaxtypingTransformer):
+    """Functions within functions are not checked: each would be prepared anew whenever the outer one is called."""
+
+    def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
+        body, node.body = node.body, []
+        super().visit_FunctionDef(node)
+        node.body = body
+        return node
+
+
+_import_hook.JaxtypingTransformer = _OfModulesAndClasses
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 install_import_hook("exosight", "beartype.beartype")
