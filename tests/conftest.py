@@ -46,7 +46,7 @@ _import_hook._optimized_cache_from_source = _compiled_file
 
 
 class _OfModulesAndClasses(_import_hook.JaxtypingTransformer):
-    """Functions within functions are not checked: they would be prepared anew in every call of the outer one."""
+    """Functions within functions are not checked: each call of the outer one would prepare them anew."""
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
         body, node.body = node.body, []
