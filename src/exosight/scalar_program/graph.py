@@ -5,6 +5,7 @@ equal arguments are one.
 """
 
 from collections.abc import Iterable, Sequence
+from math import copysign
 from typing import no_type_check
 
 import numpy as np
@@ -31,7 +32,7 @@ class Graph:
         self.args: list[tuple[int, ...]] = []
         self.known: dict[int, float] = {}
         self._made: dict[tuple, int] = {}
-        self._number: dict[tuple[float, bool], int] = {}
+        self._number: dict[tuple[float, float], int] = {}
 
     def _new(self, op: int, args: tuple[int, ...]) -> int:
         made = self._made.get((op, args))
@@ -53,7 +54,7 @@ class Graph:
     def constant(self, value: float) -> int:
         """A number that is known beforehand."""
         value = float(value)
-        key = value, bool(np.signbit(value))
+        key = value, copysign(1.0, value)
         number = self._number.get(key)
         if number is None:
             number = self._number[key] = len(self.op)
@@ -62,13 +63,18 @@ class Graph:
             self.known[number] = value
         return number
 
+    def zeros(self) -> list[int]:
+        """The values that are known to be zero."""
+        return [self._number[key] for key in ((0.0, 1.0), (0.0, -1.0)) if key in self._number]
+
     def apply(self, op: Op, *args: int) -> int:
         """An operation without rules of its own."""
         known = self.known
-        if all(a in known for a in args):
-            with np.errstate(all="ignore"):
-                return self.constant(float(FOLD[op](*(known[a] for a in args))))
-        return self._new(int(op), args)
+        for a in args:
+            if a not in known:
+                return self._new(int(op), args)
+        with np.errstate(all="ignore"):
+            return self.constant(float(FOLD[op](*(known[a] for a in args))))
 
     def neg(self, a: int) -> int:
         """−a."""

@@ -94,7 +94,7 @@ def _levels(op: list[int], args: list[tuple[int, ...]], stages: Sequence[Stage])
             level[i] = number
     for i, operands in enumerate(args):
         if op[i] >= 0:
-            level[i] = max(level[a] for a in operands)
+            level[i] = max(map(level.__getitem__, operands))
     return level
 
 

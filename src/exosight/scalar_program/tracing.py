@@ -5,6 +5,7 @@ or a gather only changes which value stands where.
 """
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Any, no_type_check
 
 import numpy as np
@@ -278,15 +279,23 @@ def _product(graph: Graph, equation: Any, a: Values, b: Values) -> list[Values]:
     right_free = [i for i in range(b.ndim) if i not in (*right, *right_batch)]
     batch = int(np.prod([a.shape[i] for i in left_batch]))
     inner = int(np.prod([a.shape[i] for i in left]))
-    rows = a.transpose(*left_batch, *left_free, *left).reshape(batch, -1, inner).tolist()
-    columns = b.transpose(*right_batch, *right_free, *right).reshape(batch, -1, inner).tolist()
-    known = graph.known
+    rows = a.transpose(*left_batch, *left_free, *left).reshape(batch, -1, inner)
+    columns = b.transpose(*right_batch, *right_free, *right).reshape(batch, -1, inner)
+    return [np.concatenate([_dots(graph, *pair) for pair in zip(rows, columns, strict=True)])]
+
+
+@no_type_check  # see conditional
+def _dots(graph: Graph, rows: Values, columns: Values) -> Values:
+    """The product of each row with each column; of most of their products a factor is known to be zero."""
+    zeros = graph.zeros()
+    inside, within = ~np.isin(rows, zeros), ~np.isin(columns, zeros)
     results = []
-    for of_a, of_b in zip(rows, columns, strict=True):
-        for row in of_a:
-            inside = [k for k, value in enumerate(row) if known.get(value) != 0]
-            results += [graph.dot([(row[k], column[k]) for k in inside]) for column in of_b]
-    return [np.array(results, dtype=np.int64)]
+    for row, of_row in zip(rows, inside, strict=True):
+        which, place = np.nonzero(of_row & within)
+        pairs = list(zip(row[place].tolist(), columns[which, place].tolist(), strict=True))
+        ends = np.cumsum(np.bincount(which, minlength=len(columns))).tolist()
+        results += [graph.dot(pairs[start:end]) for start, end in pairwise([0, *ends])]
+    return np.array(results, dtype=np.int64)
 
 
 def _cholesky(graph: Graph, equation: Any, x: Values) -> Values:
