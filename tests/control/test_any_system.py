@@ -41,9 +41,10 @@ SMALL = {"width": 48, "height": 32, "pixel": "3 mm"}
 
 
 def built(**tables: dict) -> System:
-    """The thumb with small pictures, and further tables."""
+    """The thumb with small pictures, half of the points along its sleeve, and further tables."""
     values = dict(read_system_file(THUMB))
     values["cameras"] = {"side": {**values["cameras"]["side"], **SMALL}}
+    values["rods"] = {"sleeve": {**values["rods"]["sleeve"], "points_per_element": 4}}
     for name, entries in tables.items():
         values[name] = {**values[name], **entries}
     designs = FileDesigns(values)
