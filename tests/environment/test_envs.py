@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from example_systems import THUMB, coarse_thumb
 
 gymnasium = pytest.importorskip("gymnasium", reason="needs the extra gym")
 
@@ -192,8 +193,6 @@ def test_the_code_of_the_page_runs() -> None:
 
 # Systems of a user's own
 
-THUMB = Path(__file__).parents[2] / "examples" / "systems" / "thumb.toml"
-
 
 def test_a_system_file_has_spaces_of_its_own_and_is_paid_by_the_same_rule() -> None:
     env = GripEnv(str(THUMB), sensor="P3", steps=5, contact_limit=0.02)
@@ -233,7 +232,7 @@ range = ["-20 mN m", "40 mN m"]
 rate = "100 mN m/s"
 """
     file = tmp_path / "two.toml"
-    file.write_text(THUMB.read_text() + motor)
+    file.write_text(coarse_thumb() + motor)
     env = GripEnv(str(file), steps=20)
     assert env.action_space.shape == (2,)
     env.reset(options={"target": 0.1})

@@ -1,18 +1,22 @@
 """What programs know of a design: that it stays what the robots have, and makes them shorter."""
 
+import tomllib
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from example_systems import coarse_thumb
 
 from exosight import lie
-from exosight.exosuit.index import index_friction
 from exosight.exosuit.published import published
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.mechanics import Robot
 from exosight.mechanics.evaluator import program_of
 from exosight.mechanics.known_numbers import UNKNOWN, known_numbers, with_known
+from exosight.system.build import build
+from exosight.system.file import describe
 
 
 def planar(r0: float, r1: float) -> Robot:
@@ -74,7 +78,9 @@ def test_a_program_leaves_out_what_is_known(robots: tuple[Robot, Robot]) -> None
 
 def test_what_a_term_has_of_another_one_is_computed_once() -> None:
     """Friction holds its contact; with another stiffness in one robot it is no copy."""
-    robot = index_friction(ExosuitShape(Linear(0.01, 0.005), 0.095)).robot
+    values = tomllib.loads(coarse_thumb())
+    values["contacts"] = {"press": {**values["contacts"]["press"], "friction": 0.3}}
+    robot = build(describe(values)).robot
     other = eqx.tree_at(lambda own: own.terms[-1].contact.stiffness, robot, np.array(1.0))
     structure, shapes = jax.tree.structure(robot), tuple(map(np.shape, jax.tree.leaves(robot)))
     alike, apart = (known_numbers(structure, leaves_of(robot, second)) for second in (robot, other))

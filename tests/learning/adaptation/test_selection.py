@@ -59,7 +59,7 @@ def pretrained(tmp_path_factory: pytest.TempPathFactory) -> Pretrained:
     folder = tmp_path_factory.mktemp("former")
     images, labels = scenes(320, 0)
     data = TrainingData(SCHEMA, images, labels, np.arange(256), np.arange(256, 320), ABOUT)
-    train(TrainConfig(epochs=60, batch=32, threads=1, precision="float32"), data, folder)
+    train(TrainConfig(epochs=40, batch=32, threads=1, precision="float32"), data, folder)
     export_onnx(folder, folder / "model.onnx", images[256:], labels[256:])
     return load_pretrained(folder / "model.onnx")
 
