@@ -53,6 +53,9 @@ MU_SLOPE, SLIDING_TIME = 0.3, 0.5
 MU_STACK, SETTLING_TIME = 0.4, 1.0
 HALF = 1.05 * RADIUS
 """Half the distance of the lower capsules' axes [m]."""
+HELD = 1e-5
+"""How far the springs of exosight's stack hold capsules into what they lie on [m]: where they just touch,
+nothing but the weak springs tells where a first step leads."""
 DRAG = 2.0
 """Damping of every slide of MuJoCo's stack [N s/m]; of rotation, times the radius squared."""
 HIGH = np.sqrt(4 * RADIUS**2 - HALF**2)
@@ -151,7 +154,8 @@ class Stack:
 
     def __call__(self) -> Numbers:
         """The contact forces [N], as `stacked` has them."""
-        places = {"left": (-HALF, RADIUS), "right": (HALF, RADIUS), "top": (0.0, RADIUS + HIGH)}
+        low, high = RADIUS - HELD, RADIUS + HIGH - 3 * HELD
+        places = {"left": (-HALF, low), "right": (HALF, low), "top": (0.0, high)}
         bodies = tuple(
             link for name, place in places.items() for link in _capsule(name, *place, WEAK, turned=True)
         )

@@ -14,7 +14,7 @@ import pytest
 from exosight.app.main import main
 from exosight.app.report import Report
 from exosight.app.study import _closed_loops, _surfaces
-from exosight.app.study_config import PRESETS, RunConfig, StudyConfig, read_config, to_text
+from exosight.app.study_config import PRESETS, IndexConfig, RunConfig, StudyConfig, read_config, to_text
 from exosight.control import OnnxEstimator, trials
 from exosight.control.estimator import DEFAULT_MODEL
 from exosight.dataset import generation, read_manifest
@@ -36,7 +36,7 @@ TINY = StudyConfig(
         RunConfig("design", TrainConfig(epochs=2, batch=8, threads=1)),
         RunConfig("frame", TrainConfig(epochs=1, batch=8, threads=1)),
     ),
-    index=RunConfig("design", TrainConfig(epochs=1, batch=8, threads=1)),
+    index=IndexConfig("design", TrainConfig(epochs=1, batch=8, threads=1), frames=6),
 )
 
 
@@ -167,6 +167,7 @@ def test_network_of_the_study_on_smooth_surfaces_is_its_own(history: tuple[Path,
     assert {"index_data/manifest.json", "index_network/model.onnx"} <= set(held["end"])
     data = read_manifest(folder / "index_data")
     assert (data.config["system"], data.seed) == ("index", TINY.data.seed)
+    assert (data.config["per_scenario"], data.config["frames"]) == (TINY.data.per_scenario, 6)
     trial = json.loads((folder / "control_index" / "results.json").read_text())
     assert trial["config"]["model"] == "index_network/model.onnx"
     headline = json.loads((folder / "tables" / "headline.json").read_text())

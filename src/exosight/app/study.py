@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -212,7 +212,7 @@ def _surfaces(config: StudyConfig, camera: Camera, folder: Path) -> SurfaceResul
     sensors: list[tuple[str, str, OnnxEstimator, str]] = []
     own = None
     if config.index is not None:
-        data = _data(replace(config.data, system=INDEX), folder / "index_data")
+        data = _data(config.index.data(config.data), folder / "index_data")
         split = make_split(data.frames, config.index.protocol, config.seed)
         name = f"{config.index.name}, {INDEX}"
         own = _trained(name, config.index, data, split, folder / INDEX_NETWORK)

@@ -1,5 +1,6 @@
 """What a user chooses about a study, and the two presets."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -46,6 +47,25 @@ class RunConfig:
         return f"{self.training.network}_{SPLIT_WORDS[self.protocol]}"
 
 
+@dataclass(frozen=True, config=ConfigDict(extra="forbid"))
+class IndexConfig(RunConfig):
+    """A network to train on `index`, and how many exosuits it learns from; else as the study's data."""
+
+    per_scenario: Annotated[int, Field(ge=1)] | None = None
+    """Exosuits of each scenario; None: as many as of the published system."""
+    frames: Annotated[int, Field(ge=2)] | None = None
+    """Frames of each; None: as many as of the published system."""
+
+    def data(self, published: GenerateConfig) -> GenerateConfig:
+        """What is simulated on `index`, given that of the published system."""
+        return replace(
+            published,
+            system="index",
+            per_scenario=self.per_scenario or published.per_scenario,
+            frames=self.frames or published.frames,
+        )
+
+
 def _of_the_published_system(data: GenerateConfig) -> GenerateConfig:
     if data.system != GenerateConfig().system:
         raise ValueError("expected the published system: a study reproduces the paper")
@@ -66,8 +86,8 @@ class StudyConfig:
     """What is simulated: the published system."""
     runs: Annotated[tuple[RunConfig, ...], Field(min_length=1), AfterValidator(_all_different)]
     """What is trained on it."""
-    index: RunConfig | None = None
-    """A network trained on the same exosuits with contact of surfaces, the preset `index`; None: none."""
+    index: IndexConfig | None = None
+    """A network trained on exosuits with contact of surfaces, the preset `index`; None: none."""
     seed: Annotated[int, Field(ge=0)] = 0
     """Seed of the splits and of the noise."""
 
@@ -81,7 +101,8 @@ PRESETS: dict[PresetName, StudyConfig] = {
             RunConfig("design", TrainConfig(network="light", epochs=40)),
             RunConfig("frame", TrainConfig(network="light", epochs=10)),
         ),
-        index=RunConfig("design", TrainConfig(network="light", epochs=40)),
+        # Twice the exosuits, half of the frames of each: in as much time it learns more of exosuits not seen.
+        index=IndexConfig("design", TrainConfig(network="light", epochs=40), per_scenario=20, frames=26),
     ),
     "paper": StudyConfig(
         data=GenerateConfig(per_scenario=125),
@@ -90,7 +111,7 @@ PRESETS: dict[PresetName, StudyConfig] = {
             for network in ("light", "paper")
             for protocol in ("design", "frame")
         ),
-        index=RunConfig("design", TrainConfig(network="light")),
+        index=IndexConfig("design", TrainConfig(network="light")),
     ),
 }
 """quick: 110 shapes, minutes on a laptop; paper: all 1375 shapes and both networks."""
