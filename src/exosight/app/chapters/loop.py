@@ -12,9 +12,9 @@ from exosight.evaluation import figures, published
 from exosight.evaluation.tables import OURS, PAPER, Cell, Column, Table
 
 _SHIPPED = (
-    "This is the network that comes with exosight and is used by `exosight estimate`. It was trained longer, "
-    "on thousands of exosuits, but not on the controller's (see its model card). Exosuits of this study may "
-    "be among its training data, so its accuracy on them is not reported."
+    "This is the network that comes with exosight and is used by the command exosight estimate. It was "
+    "trained longer, on thousands of exosuits, but not on the controller's (see its model card). Exosuits of "
+    "this study may be among its training data, so its accuracy on them is not reported."
 )
 
 

@@ -99,9 +99,9 @@ def limits() -> Section:
                     "pulls. Beyond that, and for shapes outside the five families, an estimate is "
                     "extrapolated.",
                     "The image must show the side view at the scale of the training data. Forces come out "
-                    "of any image of the right size, whether or not it shows a finger. `exosight estimate` "
-                    "adds intervals, and an OOD score that flags images that differ from the training data; "
-                    "the loop above uses neither.",
+                    "of any image of the right size, whether or not it shows a finger. The command exosight "
+                    "estimate adds intervals, and an OOD score that flags images that differ from the "
+                    "training data; the loop above uses neither.",
                 )
             ),
         ),
