@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.branch import Anchor, Beyond
-from exosight.mechanics.descent import Descent
+from exosight.mechanics.descent import UPHILL, Descent
 from exosight.mechanics.energy import Evaluation
 from exosight.mechanics.term import Memories
 
@@ -115,7 +115,7 @@ def begin(
             q, one, zeros(n), zeros(n), zeros(n), one, memories, one, zeros(channels), zeros(channels)
         ),
         beyond=Beyond(flag, zeros(n), one, zeros(n), one, whole),
-        descent=Descent(q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, ~flag),
+        descent=Descent(q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, one + UPHILL, ~flag),
         q=q,
         t=one,
         s=one,

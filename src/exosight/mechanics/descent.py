@@ -25,6 +25,13 @@ LARGEST = 0.5
 NEAR = 1e-3
 """Residual from which on Newton's method alone finds the end of a descent with friction."""
 
+UPHILL = 100 * NEAR
+"""Residual that the first uphill step from there may lead to; each further one to less than the one before.
+Else two sets of points that slip, each with its own solution beyond the other's, would alternate for ever."""
+
+LESS = 0.9
+"""By how much less."""
+
 SHORTEST = 1e-6
 """Part of a step with friction, down to which it is tried. Where no shorter one leads downhill either, the
 force has a jump (a point passes to another body): what lies beyond is remembered, and the descent goes on."""
@@ -39,6 +46,7 @@ class Descent(NamedTuple):
     radius             trust radius
     shift              1/h of the last step
     convex             ∇²Π is positive definite at q
+    uphill             residual that an uphill step may lead to, see UPHILL
     fresh              the trial point is the start, to be accepted whatever its energy
     """
 
@@ -52,6 +60,7 @@ class Descent(NamedTuple):
     radius: Float[AnyArray, ""]
     shift: Float[AnyArray, ""]
     convex: Bool[AnyArray, ""]
+    uphill: Float[AnyArray, ""]
     fresh: Bool[AnyArray, ""]
 
 
@@ -78,9 +87,11 @@ def accept(
     hidden = (jnp.abs(model) < noise) & (change > -noise)
     ratio = change / jnp.where(jnp.abs(model) > 0, model, -1e-300)
     good = jnp.where(hidden, (residual <= descent.residual) | ~descent.convex, (change < 0) & (ratio > 0.1))
-    jump = jnp.array(False)
+    jump, uphill = jnp.array(False), descent.uphill
     if there.coupling is not None:  # between stick and slip, Newton's method need not lead downhill
-        good = good | (near_rest(descent) & (residual < 100 * NEAR) & (fraction >= 1))
+        tolerated = ~good & near_rest(descent) & (residual < uphill) & (fraction >= 1)
+        uphill = jnp.where(tolerated, LESS * residual, uphill)
+        good = good | tolerated
         jump = ~good & (fraction < SHORTEST)
     if not conservative:
         good = residual <= (1 - 1e-4 * fraction) * descent.residual
@@ -98,7 +109,7 @@ def accept(
         (descent.q, descent.here, descent.residual),
     )
     radius = jnp.minimum(radius, LARGEST * metric.range(q))
-    return descent._replace(q=q, here=here, residual=residual, radius=radius), accepted
+    return descent._replace(q=q, here=here, residual=residual, radius=radius, uphill=uphill), accepted
 
 
 def near_rest(descent: Descent) -> Bool[AnyArray, ""]:

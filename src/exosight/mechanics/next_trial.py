@@ -11,7 +11,7 @@ from exosight.mechanics import branch
 from exosight.mechanics.acceptance import LONGEST, Point, Problem, Verdict
 from exosight.mechanics.branch import NEGLIGIBLE, Beyond, Bracket
 from exosight.mechanics.continuation_state import ALONG, DESCEND, TO_LOAD, ContinuationState
-from exosight.mechanics.descent import Descent
+from exosight.mechanics.descent import UPHILL, Descent
 
 PUSH = 0.003
 """First step from the end of a branch, along the tangent there, and first trust radius of the descent;
@@ -231,5 +231,6 @@ def _walk(walk: Descent, point: Point, plan: Plan, ways: Directions, radius: Flo
         curvature=jnp.where(ways.accepted, ways.curvature, walk.curvature),
         shift=jnp.where(ways.accepted, ways.shift, walk.shift),
         fresh=plan.descend,
+        uphill=jnp.where(plan.descend, UPHILL, walk.uphill),
         radius=jnp.where(plan.descend, radius, walk.radius),
     )
