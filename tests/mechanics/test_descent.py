@@ -11,7 +11,20 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from exosight.mechanics import Configuration, DeadForce, Link, Prismatic, Robot, State, Term, locate_snaps
+from exosight.mechanics import (
+    Configuration,
+    DeadForce,
+    Link,
+    Prismatic,
+    Robot,
+    SolverOptions,
+    State,
+    Term,
+    drive,
+    locate_snaps,
+)
+from exosight.mechanics.kinematics import Motion
+from exosight.mechanics.term import Bound, Expansion, TermWithMemory, zero
 from exosight.mechanics.tree import Tree
 
 COSINE, SINE = np.cos(np.pi / 6), np.sin(np.pi / 6)
@@ -77,3 +90,49 @@ def test_a_snap_lands_where_the_flow_ends(point: Robot, well: float, steps: int)
     np.testing.assert_allclose(turned(snaps[0].after), [landing, well], atol=1e-5)
     end = brentq(lambda s: force(s) - 1.2 * top, period - FOLD, period + FOLD)
     np.testing.assert_allclose(turned(found.q[0, -1]), [end, well], atol=1e-8)
+
+
+class Pieces(TermWithMemory):
+    """A force min(x, A x + b) of a point x, as friction has: of pieces, without an energy.
+
+    Newton's method from (−1 nm, 0, 0) goes to (0, −1.2 nm, 0), (0, 0, −1.4 nm) and round again; the
+    equilibrium is at 0. Beside an energy of 1 J the work of such steps is lost in round-off.
+    Source: I. Ben Gharbia, J. C. Gilbert, Mathematical Programming 134 (2012), 349–364.
+    """
+
+    def remember(self, tree: Tree, motion: Motion, loads: jax.Array) -> jax.Array:
+        return jnp.asarray(self.memory)
+
+    def bind(self, tree: Tree) -> Bound:
+        matrix = jnp.array([[1.0, 0.0, 1.5], [1.5, 1.0, 0.0], [0.0, 1.5, 1.0]])
+
+        def expand(q: jax.Array, motion: Motion, loads: jax.Array) -> Expansion:
+            other = matrix @ q + TINY * jnp.array([1.0, 1.2, 1.4])
+            rows = jnp.where((other < q)[:, None], matrix, jnp.eye(3))
+            return zero(tree, loads)._replace(
+                energy=jnp.array(1.0), gradient=jnp.minimum(q, other), coupling=rows
+            )
+
+        return expand
+
+
+TINY = 1e-9
+"""[m]; from there on Newton's method alone finds the end of a descent."""
+
+
+@pytest.mark.parametrize("unrolled", [True, False])
+def test_newtons_method_does_not_go_round_for_ever(unrolled: bool) -> None:
+    slides = [
+        Link(name, 0.0, jnp.zeros((1, 3)), parent=parent, joint=Prismatic(axis))
+        for name, parent, axis in (
+            ("x", None, (1.0, 0.0, 0.0)),
+            ("y", "x", (0.0, 1.0, 0.0)),
+            ("z", "y", (0.0, 0.0, 1.0)),
+        )
+    ]
+    robot = Robot(tuple(slides), (Pieces(np.zeros(1)),))
+    start = State(np.array([[-TINY, 0.0, 0.0]]), np.zeros((1, 1)), (np.zeros((1, 1)),))
+    found = drive([robot], np.zeros((1, 1)), state=start, options=SolverOptions(unrolled=unrolled))
+    assert found.converged.all()
+    np.testing.assert_allclose(found.q[0, 0], 0.0, atol=1e-12)
+    assert found.iterations[0, 0] < 100

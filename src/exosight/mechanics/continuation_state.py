@@ -115,7 +115,9 @@ def begin(
             q, one, zeros(n), zeros(n), zeros(n), one, memories, one, zeros(channels), zeros(channels)
         ),
         beyond=Beyond(flag, zeros(n), one, zeros(n), one, whole),
-        descent=Descent(q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, one + UPHILL, ~flag),
+        descent=Descent(
+            q, nothing, one + np.inf, zeros(n), one, one, one, one + np.inf, one, ~flag, one + UPHILL, ~flag
+        ),
         q=q,
         t=one,
         s=one,
