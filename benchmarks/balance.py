@@ -27,9 +27,9 @@ RESULT = Path(__file__).parent.parent / "docs" / "results" / "balance.json"
 
 SHAPES = 0, 2, 3, 4, 14, 21
 """Of the two exosuits of each scenario, seed 0; two of them snap often."""
-PARTS = 1, 4, 16, 64, 128
+PARTS = 1, 4, 16, 64, 256
 """Into how many parts each step of 0.08 N is divided."""
-COMPARED = 16, 64, 128
+COMPARED = 16, 64
 """Those of creep, and of friction and creep."""
 SHARE, TIME, RATE = 0.2, 2.0, 1.0
 """Of what creeps [-], its time of relaxation [s], and how fast the load changes [N/s]."""
