@@ -30,7 +30,6 @@ from exosight.mechanics import (
     NodalQuadratic,
     Robot,
     Rod,
-    SolverOptions,
     drive,
 )
 from exosight.mechanics.friction import friction
@@ -93,7 +92,7 @@ class Exosight:
     def __call__(self) -> float:
         """T₁/T₀."""
         robot = self.robot()
-        found = drive([robot], np.array([[PULL * self.exact]]), options=SolverOptions(unrolled=False))
+        found = drive([robot], np.array([[PULL * self.exact]]))
         if not found.converged.all():
             raise RuntimeError("exosight did not converge")
         stretch = np.asarray(walk(robot, jnp.asarray(found.q[0, 0])).strain["belt"])[:, 3] - 1

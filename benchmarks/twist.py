@@ -27,7 +27,6 @@ from exosight.mechanics import (
     NodalQuadratic,
     Robot,
     Rod,
-    SolverOptions,
     drive,
 )
 from exosight.mechanics.rod import STRAINS
@@ -78,7 +77,7 @@ class Exosight:
         angle, nearer = 2 * np.pi * TURNS * turn, SHORTER * LENGTH * slide
         first = np.linspace(0.0, 1.0, 11)[1:, None] * [angle, 0.0]
         then = np.array([angle, 0.0]) - np.linspace(0.0, 1.0, 51)[1:, None] * [0.0, nearer]
-        found = drive([robot], np.concatenate([first, then]), options=SolverOptions(unrolled=False))
+        found = drive([robot], np.concatenate([first, then]))
         if not found.converged.all():
             raise RuntimeError("exosight did not converge")
         return float(angle - turn * found.q[0, -1, -2])
