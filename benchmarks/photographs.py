@@ -115,6 +115,8 @@ def measure(model: Path, folder: Path) -> dict[str, Any]:
             "rmse_net": round(scores.sums[0].rmse, 4),
             "r_zones": round(scores.r.mean, 4),
             "r_last": round(scores.outputs[-1].r, 4),
+            "r_but_last": round(float(np.mean([each.r for each in scores.outputs[:-1]])), 4),
+            "pressed_last": int((truth[:, -1] > 0).sum()),
             "held": round(float(held[above].mean()), 3),
             "held_all": round(float(held.mean()), 3),
             "large": round(float(large.mean()), 3),

@@ -6,8 +6,8 @@ reads clean pictures of a dataset that no network learned from (`exosight genera
 --per-scenario 6 --frames 20 --seed 902`), disturbed in ways that the calibration did not have, and writes
 docs/results/reliability.json; with --photos FOLDER photo-like pictures as well (`--per-scenario 8 --frames 20
 --seed 901 --photo`). With --fit FOLDER probability and causes are first fitted anew on the even designs of
-another dataset (for index-photo `--per-scenario 30 --seed 101 --photo`) or of the same one, and written into
-the network's file: what is measured are the odd designs.
+another dataset (of photo-like pictures: `--per-scenario 30 --seed 101 --photo`) or of the same one, and
+written into the network's file: what is measured are the odd designs.
 """
 
 import argparse
