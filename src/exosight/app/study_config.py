@@ -101,8 +101,8 @@ PRESETS: dict[PresetName, StudyConfig] = {
             RunConfig("design", TrainConfig(network="light", epochs=40)),
             RunConfig("frame", TrainConfig(network="light", epochs=10)),
         ),
-        # Twice the exosuits, half of the frames of each: in as much time it learns more of exosuits not seen.
-        index=IndexConfig("design", TrainConfig(network="light", epochs=40), per_scenario=20, frames=26),
+        # As many frames of six times the exosuits: in as much training it learns more of exosuits not seen.
+        index=IndexConfig("design", TrainConfig(network="light", epochs=40), per_scenario=60, frames=9),
     ),
     "paper": StudyConfig(
         data=GenerateConfig(per_scenario=125),
