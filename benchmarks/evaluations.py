@@ -20,10 +20,10 @@ from exosight.arrays import AnyArray
 from exosight.exosuit.assembly import MAX_FORCE
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.mechanics import Robot, SolverOptions, stack
-from exosight.mechanics.continuation import stepper
-from exosight.mechanics.continuation_state import DESCEND, TO_LOAD, ContinuationState, begin
-from exosight.mechanics.evaluator import by_program, by_xla, prepare, program_of
+from exosight.mechanics.continuation_state import DESCEND, TO_LOAD, ContinuationState
 from exosight.mechanics.metric import Metric
+from exosight.mechanics.packing import Packing
+from exosight.mechanics.path_step import Carried, begun, layout_of, prepare, program_of, stepper
 
 RESULT = Path(__file__).parent.parent / "docs" / "results" / "evaluations.json"
 
@@ -37,15 +37,17 @@ BACK, ALONG_BACK = "trials at a load, taken back", "trials along a branch, taken
 DESCENTS = "descents"
 
 
-def told(before: ContinuationState, after: ContinuationState) -> dict[str, AnyArray]:
+def told(before: Carried, after: Carried, state: Packing) -> dict[str, AnyArray]:
     """What one evaluation was for, and what came of it."""
+    was: ContinuationState = state.unpack(before.row)
+    now: ContinuationState = state.unpack(after.row)
     return {
         "meant": before.load < len(LOADS),
-        "phase": before.phase,
-        "first": before.tries == 0,
-        "fresh": before.steps == 0,
+        "phase": was.phase,
+        "first": was.tries == 0,
+        "fresh": was.steps == 0,
         "done": after.load != before.load,
-        "arrived": jnp.any(after.anchor.tangent != before.anchor.tangent),
+        "arrived": jnp.any(now.anchor.tangent != was.anchor.tangent),
     }
 
 
@@ -54,39 +56,37 @@ def watched(robots: list[Robot], options: SolverOptions) -> dict[str, np.ndarray
     leaves, structure = jax.tree.flatten(stack(robots))
     leaves = [np.asarray(leaf) for leaf in leaves]
     program = program_of(structure, tuple(leaf.shape[1:] for leaf in leaves), LOADS.shape[1])
+    shape = robots[0].dofs, LOADS.shape[1], tuple(map(np.shape, robots[0].memories))
+    layout = layout_of(*shape)
 
     @jax.jit
-    def advance(leaves: list[jax.Array], state: ContinuationState) -> tuple[ContinuationState, dict]:
-        def one(leaves: list[jax.Array], state: ContinuationState) -> tuple[ContinuationState, dict]:
+    def advance(leaves: list[jax.Array], now: Carried) -> tuple[Carried, dict]:
+        def one(leaves: list[jax.Array], now: Carried) -> tuple[Carried, dict]:
             robot = jax.tree.unflatten(structure, leaves)
-            metric = Metric.of(robot)
-            evaluator = (
-                by_xla(robot, metric)
-                if program is None
-                else by_program(program, metric, prepare(program, robot))
-            )
             step = stepper(
                 robot,
-                evaluator,
+                Metric.of(robot),
+                program,
+                prepare(program, robot),
                 jnp.asarray(LOADS),
                 jnp.asarray(len(LOADS)),
                 jnp.asarray(options.tolerance),
                 jnp.asarray(options.max_iterations),
             )
 
-            def watch(state: ContinuationState, _: None) -> tuple[ContinuationState, dict]:
-                after = step(state)
-                return after, told(state, after)
+            def watch(now: Carried, _: None) -> tuple[Carried, dict]:
+                after = step(now)
+                return after, told(now, after, layout.state)
 
-            return jax.lax.scan(watch, state, None, length=TOGETHER)
+            return jax.lax.scan(watch, now, None, length=TOGETHER)
 
-        return jax.vmap(one)(leaves, state)
+        return jax.vmap(one)(leaves, now)
 
-    rest = [begin(np.zeros(r.dofs), LOADS[0] * 0, r.memories, len(LOADS)) for r in robots]
-    state = jax.tree.map(lambda *parts: np.stack(parts), *rest)
+    rest = [begun(r.dofs, LOADS.shape[1], r.memories, len(LOADS)) for r in robots]
+    now = jax.tree.map(lambda *parts: np.stack(parts), *rest)
     parts = []
-    while np.any(np.asarray(state.load) < len(LOADS)):
-        state, seen = advance(leaves, state)
+    while np.any(np.asarray(now.load) < len(LOADS)):
+        now, seen = advance(leaves, now)
         parts.append({name: np.asarray(values) for name, values in seen.items()})
     return {name: np.concatenate([part[name] for part in parts], axis=1) for name in parts[0]}
 

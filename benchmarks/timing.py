@@ -14,10 +14,12 @@ import numpy as np
 from jaxtyping import Float
 
 from exosight.mechanics import Robot
-from exosight.mechanics.evaluator import by_program, by_xla, prepare, program_of
-from exosight.mechanics.known_numbers import known_numbers
+from exosight.mechanics.energy import potential
+from exosight.mechanics.evaluator import Reached, reach, step_fraction
+from exosight.mechanics.known_numbers import known_numbers, with_known
 from exosight.mechanics.metric import Metric
-from exosight.scalar_program import Unrolled
+from exosight.mechanics.path_step import prepare
+from exosight.scalar_program import Unrolled, Unsupported, unroll
 
 LANES = 8
 """Poses of one evaluation: as many as the solver's."""
@@ -46,10 +48,23 @@ def in_turns(
 
 
 def program(robot: Robot, channels: int = 1) -> Unrolled | None:
-    """The scalar program of a robot, as the solver makes it."""
+    """A scalar program of a robot's energy: of its design, a pose, and a step from there; None without one.
+
+    With what solvers know of its numbers.
+    """
     leaves, structure = jax.tree.flatten(robot)
     known = known_numbers(structure, [np.asarray(leaf)[None] for leaf in leaves])
-    return program_of(structure, tuple(np.shape(leaf) for leaf in leaves), channels, known)
+
+    def function(leaves: list, at: tuple, step: jax.Array) -> tuple[tuple, Reached, jax.Array]:
+        robot = jax.tree.unflatten(structure, with_known(structure, known, leaves))
+        reached, motion = reach(robot, Metric.of(robot), potential(robot), *at)
+        return (), reached, step_fraction(robot, motion, step)
+
+    q = np.zeros(robot.dofs)
+    try:
+        return unroll(function, [leaves, (q, np.zeros(channels), robot.memories, np.zeros(())), q])
+    except Unsupported:
+        return None
 
 
 def evaluation(
@@ -66,8 +81,12 @@ def evaluation(
     design = jnp.asarray(jax.jit(lambda robot: prepare(made, robot))(robot))
 
     def of_one(q: jax.Array, loads: jax.Array, robot: Robot) -> list[jax.Array]:
-        evaluator = by_xla(robot, metric) if made is None else by_program(made, metric, design)
-        return jax.tree.leaves(evaluator.evaluate(q, loads, (), jnp.asarray(NEVER))[0].here)
+        at = q, loads, (), jnp.asarray(NEVER)
+        if made is None:
+            reached, _ = reach(robot, metric, potential(robot), *at)
+        else:
+            reached, _ = made(1, design, at)
+        return jax.tree.leaves(reached.here)
 
     options = {"xla_cpu_multi_thread_eigen": False}
     compiled = jax.jit(jax.vmap(of_one, in_axes=(0, 0, None)), compiler_options=options)

@@ -8,6 +8,7 @@ Source of the closed forms: Selig, Geometric Fundamentals of Robotics, 2005, ch.
 Barfoot, State Estimation for Robotics, 2017, eq. 7.86 (left Jacobian of SE(3)).
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -25,6 +26,7 @@ _SERIES = np.array(
 )
 
 
+@jax.jit
 def _coefficients(omega: Float[AnyArray, "*batch 3"]) -> tuple[Array, Array, Array, Array, Array]:
     """sinθ/θ, (1−cosθ)/θ², (θ−sinθ)/θ³, (θ²+2cosθ−2)/2θ⁴, (2θ−3sinθ+θcosθ)/2θ⁵ with θ = |omega|."""
     x = jnp.sum(omega * omega, axis=-1)
@@ -56,6 +58,7 @@ _BERNOULLI = np.array([1, 1, 1, 1, 5, 691, 7, 3617, 43867, 174611, 854513]) / np
 _COTANGENT = _BERNOULLI / _FACTORIAL[2 : 2 * _TERMS + 1 : 2]
 
 
+@jax.jit
 def hat(omega: Float[AnyArray, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """The matrix of the cross product: hat(ω) x = ω × x."""
     x, y, z = omega[..., 0], omega[..., 1], omega[..., 2]
@@ -64,6 +67,7 @@ def hat(omega: Float[AnyArray, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     return rows.reshape(*omega.shape[:-1], 3, 3)
 
 
+@jax.jit
 def pose(
     rotation: Float[AnyArray, "*batch 3 3"], position: Float[AnyArray, "*batch 3"]
 ) -> Float[Array, "*batch 4 4"]:
@@ -78,12 +82,14 @@ def translation(position: Float[AnyArray, "*batch 3"]) -> Float[Array, "*batch 4
     return pose(jnp.broadcast_to(jnp.eye(3), (*position.shape[:-1], 3, 3)), position)
 
 
+@jax.jit
 def inverse(g: Float[AnyArray, "*batch 4 4"]) -> Float[Array, "*batch 4 4"]:
     """The inverse pose: the world in coordinates of the frame g."""
     back = jnp.swapaxes(g[..., :3, :3], -1, -2)
     return pose(back, -jnp.einsum("...ij,...j->...i", back, g[..., :3, 3]))
 
 
+@jax.jit
 def exp(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     """The pose reached by moving along `twist` for unit time: exp of its 4×4 matrix."""
     omega, v = twist[..., :3], twist[..., 3:]
@@ -96,6 +102,7 @@ def exp(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 4 4"]:
     return pose(rotation, jnp.einsum("...ij,...j->...i", left, v))
 
 
+@jax.jit
 def log(g: Float[AnyArray, "*batch 4 4"]) -> Float[Array, "*batch 6"]:
     """The twist whose `exp` is the pose, with a rotation of at most π: the inverse of `exp` up to there.
 
@@ -156,24 +163,28 @@ def _polynomial(coefficients: np.ndarray, x: Array) -> Array:
     return total
 
 
+@jax.jit
 def ad(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     """The Lie bracket as a matrix: ad(x) y = [x, y]."""
     w, v = hat(twist[..., :3]), hat(twist[..., 3:])
     return _blocks(w, jnp.zeros_like(w), v, w)
 
 
+@jax.jit
 def coad(wrench: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     """The matrix C(w) with C(w) y = ad(y)ᵀ w, so that wᵀ[y, s] = sᵀ C(w) y."""
     m, f = hat(wrench[..., :3]), hat(wrench[..., 3:])
     return _blocks(m, f, f, jnp.zeros_like(f))
 
 
+@jax.jit
 def adjoint(g: Float[AnyArray, "*batch 4 4"]) -> Float[Array, "*batch 6 6"]:
     """Ad(g): a twist in local coordinates to the same twist in world coordinates."""
     rotation = g[..., :3, :3]
     return _blocks(rotation, jnp.zeros_like(rotation), hat(g[..., :3, 3]) @ rotation, rotation)
 
 
+@jax.jit
 def adjoint_on(
     g: Float[AnyArray, "*batch 4 4"], columns: Float[AnyArray, "*batch 6 k"]
 ) -> Float[Array, "*batch 6 k"]:
@@ -184,6 +195,7 @@ def adjoint_on(
     return jnp.concatenate([turned, moved], axis=-2)
 
 
+@jax.jit
 def coadjoint_on(
     g: Float[AnyArray, "*batch 4 4"], wrench: Float[AnyArray, "*batch 6"]
 ) -> Float[Array, "*batch 6"]:
@@ -194,12 +206,14 @@ def coadjoint_on(
     return both.reshape(wrench.shape)
 
 
+@jax.jit
 def tangent(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     """T(Ω) with d exp(Ω) · exp(Ω)⁻¹ = T(Ω) dΩ: the left Jacobian of SE(3)."""
     rotation, coupling = _tangent_blocks(twist)
     return _blocks(rotation, jnp.zeros_like(rotation), coupling, rotation)
 
 
+@jax.jit
 def tangent_inverse(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 6 6"]:
     """T(Ω)⁻¹, for rotations of less than 2π, where T has an inverse."""
     rotation, coupling = _tangent_blocks(twist)
@@ -209,6 +223,7 @@ def tangent_inverse(twist: Float[AnyArray, "*batch 6"]) -> Float[Array, "*batch 
     return _blocks(back, jnp.zeros_like(back), -back @ coupling @ back, back)
 
 
+@jax.jit
 def tangent_on(
     twist: Float[AnyArray, "*batch 6"], columns: Float[AnyArray, "*batch 6 k"]
 ) -> Float[Array, "*batch 6 k"]:
@@ -218,6 +233,7 @@ def tangent_on(
     return jnp.concatenate([rotation @ angular, coupling @ angular + rotation @ linear], axis=-2)
 
 
+@jax.jit
 def _tangent_blocks(twist: Float[AnyArray, "*batch 6"]) -> tuple[Array, Array]:
     """The diagonal block of T and the one below it."""
     omega, v = twist[..., :3], twist[..., 3:]

@@ -8,10 +8,9 @@ import pytest
 from exosight.exosuit.assembly import MAX_FORCE, Exosuit, assemble
 from exosight.exosuit.scenarios import sample_shapes
 from exosight.mechanics import Equilibria, Robot, Snap, locate_snaps
-from exosight.mechanics.continuation import stepper
-from exosight.mechanics.continuation_state import begin
-from exosight.mechanics.evaluator import by_xla
+from exosight.mechanics.continuation_state import ContinuationState
 from exosight.mechanics.metric import Metric, metric_of
+from exosight.mechanics.path_step import begun, layout_of, stepper
 
 STEPS = 0.1, 0.5
 
@@ -72,14 +71,17 @@ def test_a_robot_without_loads_left_reports_no_snaps() -> None:
     robot = assemble(Exosuit(sample_shapes(1, seed=0)[8].shape))
     step = stepper(
         robot,
-        by_xla(robot, Metric.of(robot)),
+        Metric.of(robot),
+        None,
+        jnp.zeros(0),
         jnp.array([[4.0]]),
         jnp.array(1),
         jnp.array(1e-10),
         jnp.array(5000),
     )
-    idle = begin(np.zeros(robot.dofs), np.zeros(1), (), 1)._replace(load=np.array(1))
+    idle = begun(robot.dofs, 1, (), 1)._replace(load=np.array(1))
     after = jax.jit(lambda state: jax.lax.fori_loop(0, 600, lambda _, at: step(at), state))(idle)
-    assert float(after.t) > 0.2  # it moves, and snaps on the way: seven times without the rule
+    state: ContinuationState = layout_of(robot.dofs, 1, ()).state.unpack(after.row)
+    assert float(state.t) > 0.2  # it moves, and snaps on the way: seven times without the rule
     assert int(after.snaps) == 0
     assert int(after.load) == 1

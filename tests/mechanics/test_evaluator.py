@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from backends import NEVER, SAME, check, compiled, programmed
+from backends import NEVER, SAME, check
+from benchmarks.timing import program
 
 from exosight.exosuit.assembly import Exosuit, assemble
 from exosight.mechanics import Configuration, Robot, SolverOptions, Term, drive, stack
-from exosight.mechanics.evaluator import program_of, solve_signed
+from exosight.mechanics.energy import potential
+from exosight.mechanics.evaluator import solve_any, solve_definite, solve_signed
+from exosight.mechanics.path_step import prepare, program_of
 from exosight.scalar_program import call_unrolled, interpreter
 from exosight.system.build import build
 from exosight.system.file import describe, read_system_file
@@ -31,14 +35,11 @@ def test_everything_at_once_out_of_the_plane(tree: Robot) -> None:
 
 
 @pytest.mark.parametrize("last", [2.0, 0.0, -1.0])
-def test_only_positive_definite_matrices_are_solved(chain: Robot, last: float) -> None:
+def test_only_positive_definite_matrices_are_solved(last: float) -> None:
     """Also without its last pivot alone, which LAPACK refuses and a square root does not."""
     matrix, right = jnp.diag(jnp.array([1.0, 3.0, last])), jnp.ones((3, 2))
-    leaves, structure = jax.tree.flatten(chain)
-    program = program_of(structure, tuple(np.shape(leaf) for leaf in leaves), 1)
-    assert program is not None
-    for evaluator in (programmed(program, chain), compiled(chain)):
-        found, definite = jax.jit(evaluator.solve)(matrix, right)
+    for solve in (partial(call_unrolled, solve_definite), solve_definite):
+        found, definite = jax.jit(solve)(matrix, right)
         assert definite == (last > 0)
         if last > 0:
             np.testing.assert_allclose(matrix @ found, right, rtol=1e-15)
@@ -101,7 +102,10 @@ def test_solutions_with_the_sign_of_the_determinant(skew: float, lowered: float)
         spread, turning, v, right = (rng.normal(size=(12, n)) for n in (12, 12, 1, 3))
         matrix = spread @ spread.T / 12 + np.eye(12) + skew * (turning - turning.T)
         matrix -= lowered * np.trace(matrix) / 12 * v @ v.T / (v.T @ v)
-        for solved, sign in (solve_signed(matrix, right), jax.jit(by_programs)(matrix, right)):
+        for solved, sign in (
+            solve_signed(matrix, right),
+            jax.jit(partial(call_unrolled, solve_signed))(matrix, right),
+        ):
             assert sign == np.sign(np.linalg.det(matrix))
             bound = 1e-12 * np.linalg.cond(matrix) * np.abs(right).max()
             np.testing.assert_allclose(matrix @ solved, right, rtol=0, atol=bound)
@@ -111,12 +115,18 @@ def test_no_sign_without_a_pivot() -> None:
     """A row of zeros has no solution."""
     matrix = np.diag([1.0, 0.0, 2.0])
     assert solve_signed(matrix, np.ones((3, 1)))[1] == 0
-    assert jax.jit(by_programs)(matrix, np.ones((3, 1)))[1] == 0
+    assert jax.jit(partial(call_unrolled, solve_signed))(matrix, np.ones((3, 1)))[1] == 0
 
 
-def by_programs(matrix: jax.Array, right: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """`solve_signed` as programs do it."""
-    return call_unrolled(solve_signed, matrix, right)
+def test_any_matrix_is_solved() -> None:
+    """With rows exchanged: also with zeros in the place of pivots, as NumPy solves it."""
+    rng = np.random.default_rng(8)
+    for size in (1, 2, 3, 12):
+        matrix, right = rng.normal(size=(size, size)), rng.normal(size=(size, 2))
+        matrix[0, 0] = 0.0 if size > 1 else 2.0
+        for solve in (solve_any, jax.jit(partial(call_unrolled, solve_any))):
+            bound = 1e-13 * np.linalg.cond(matrix) * np.abs(right).max()
+            np.testing.assert_allclose(matrix @ solve(matrix, right), right, rtol=0, atol=bound)
 
 
 def test_paths_are_the_same() -> None:
@@ -134,12 +144,9 @@ def test_paths_are_the_same() -> None:
 @pytest.fixture(scope="module")
 def hessian() -> tuple[Robot, np.ndarray, np.ndarray]:
     """Of an exosuit at one pose, by XLA."""
-    robot = stack([assemble(Exosuit())])
-    q = np.random.default_rng(1).normal(size=(1, robot.dofs)) * 0.1
-    found = jax.jit(
-        jax.vmap(lambda robot, q: compiled(robot).evaluate(q, jnp.ones(1), (), NEVER)[0].here.hessian)
-    )
-    return robot, q, np.asarray(found(robot, q))
+    robot, q = assemble(Exosuit()), np.random.default_rng(1).normal(size=25) * 0.1
+    found, _ = jax.jit(lambda robot, q: potential(robot)(q, jnp.ones(1)))(robot, q)
+    return robot, q, np.asarray(found.hessian)
 
 
 @pytest.mark.skipif(platform.machine() not in ("x86_64", "AMD64"), reason="names of x86 processors")
@@ -158,13 +165,13 @@ def test_other_processors(
     targets = {bits: f"exosight_{processor}_{features}_{bits}" for bits in (16, 32)}
     interpreter.register(processor, features, targets)
     monkeypatch.setattr(interpreter, "TARGETS", targets)
-    batch, q, expected = hessian
-    leaves, structure = jax.tree.flatten(batch)
-    program = program_of(structure, tuple(np.shape(leaf)[1:] for leaf in leaves), 1)
-    assert program is not None
+    robot, q, expected = hessian
+    made = program(robot)
+    assert made is not None
 
     def energy(robot: Robot, q: jax.Array) -> jax.Array:
-        return programmed(program, robot).evaluate(q, jnp.ones(1), (), NEVER)[0].here.hessian
+        return made(1, prepare(made, robot), (q, jnp.ones(1), (), NEVER))[0].here.hessian
 
-    found = jax.jit(jax.vmap(energy))(batch, q)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=SAME * np.abs(expected).max())
+    batch = stack([robot])
+    found = jax.jit(jax.vmap(energy))(batch, q[None])
+    np.testing.assert_allclose(found[0], expected, rtol=0, atol=SAME * np.abs(expected).max())

@@ -13,8 +13,8 @@ from exosight import lie
 from exosight.exosuit.published import published
 from exosight.exosuit.shapes import ExosuitShape, Linear
 from exosight.mechanics import Robot
-from exosight.mechanics.evaluator import program_of
 from exosight.mechanics.known_numbers import UNKNOWN, known_numbers, with_known
+from exosight.mechanics.path_step import program_of
 from exosight.system.build import build
 from exosight.system.file import describe
 

@@ -1,16 +1,18 @@
 """What scalar programs and XLA make of one robot, compared."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from benchmarks.timing import program
 
 from exosight.mechanics import Robot
-from exosight.mechanics.evaluator import Evaluator, by_program, by_xla, prepare, program_of
-from exosight.mechanics.known_numbers import known_numbers
+from exosight.mechanics.energy import potential
+from exosight.mechanics.evaluator import Reached, reach, step_fraction
 from exosight.mechanics.metric import Metric
-from exosight.scalar_program import Unrolled
+from exosight.mechanics.path_step import prepare
 
 SAME = 1e-12
 """Relative to the largest number of its kind: some thousand sums of round-off 1e-16."""
@@ -23,31 +25,27 @@ def both(
     robot: Robot, q: np.ndarray, loads: np.ndarray, step: np.ndarray, least: jax.Array = NEVER
 ) -> list[list[np.ndarray]]:
     """What a program and XLA give for several poses."""
-    leaves, structure = jax.tree.flatten(robot)
-    known = known_numbers(structure, [np.asarray(leaf)[None] for leaf in leaves])  # as solvers have it
-    program = program_of(structure, tuple(np.shape(leaf) for leaf in leaves), loads.shape[1], known)
-    assert program is not None
+    made = program(robot, loads.shape[1])
+    assert made is not None
 
-    def run(evaluator: Evaluator, robot: Robot, q: jax.Array, loads: jax.Array, step: jax.Array) -> list:
-        reached, pose = evaluator.evaluate(q, loads, robot.memories, least)
-        found = [reached.gradient, *reached.memories, *jax.tree.leaves(reached.here)]
-        return [*found, evaluator.step_fraction(pose, step)]
+    def by_program(robot: Robot, *at: Any) -> tuple[Reached, Any]:
+        return made(1, prepare(made, robot), at)
 
-    def of(make: Any) -> list[np.ndarray]:
+    def by_xla(robot: Robot, *at: Any) -> tuple[Reached, Any]:
+        return reach(robot, Metric.of(robot), potential(robot), *at)
+
+    def of(evaluate: Callable, fraction: Callable) -> list[np.ndarray]:
+        def run(robot: Robot, q: jax.Array, loads: jax.Array, step: jax.Array) -> list:
+            reached, pose = evaluate(robot, q, loads, robot.memories, least)
+            found = [reached.gradient, *reached.memories, *jax.tree.leaves(reached.here)]
+            return [*found, fraction(robot, pose, step)]
+
         return jax.jit(
-            lambda robot, *at: jax.vmap(lambda *at: run(make(robot), robot, *at))(*at),
+            lambda robot, *at: jax.vmap(lambda *at: run(robot, *at))(*at),
             compiler_options={"xla_backend_optimization_level": "0"},
         )(jax.tree.map(jnp.asarray, robot), q, loads, step)
 
-    return [of(lambda robot: programmed(program, robot)), of(compiled)]
-
-
-def programmed(program: Unrolled, robot: Robot) -> Evaluator:
-    return by_program(program, Metric.of(robot), prepare(program, robot))
-
-
-def compiled(robot: Robot) -> Evaluator:
-    return by_xla(robot, Metric.of(robot))
+    return [of(by_program, lambda _, pose, step: made(2, pose, step)[0]), of(by_xla, step_fraction)]
 
 
 def check(robot: Robot, size: float = 0.2, channels: int | None = None, least: jax.Array = NEVER) -> None:

@@ -9,7 +9,7 @@ from exosight.arrays import AnyArray
 from exosight.mechanics import branch
 from exosight.mechanics.continuation_state import ALONG, TO_LOAD, ContinuationState
 from exosight.mechanics.energy import Evaluation
-from exosight.mechanics.evaluator import solve_definite, solve_signed
+from exosight.mechanics.evaluator import solve_any, solve_definite, solve_signed
 from exosight.mechanics.metric import Metric
 
 LONGEST = 0.06
@@ -54,7 +54,7 @@ class Problem(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """The present segment of loads, to load number `state.load` of `total`.
+    """The present segment of loads, to one of `total`.
 
     origin, target, span   where it begins and ends, and target − origin [N]
     following              the span of the next one [N]
@@ -69,16 +69,19 @@ class Segment(NamedTuple):
     total: Int[AnyArray, ""]
 
     @staticmethod
-    def of(state: ContinuationState, loads: AnyArray, count: AnyArray) -> "Segment":
-        """That on which a robot is."""
-        target = loads[jnp.minimum(state.load, count - 1)]
-        after = loads[jnp.minimum(state.load + 1, count - 1)]
-        span, following = target - state.origin, after - target
+    def of(
+        origin: Float[AnyArray, " channels"],
+        target: Float[AnyArray, " channels"],
+        after: Float[AnyArray, " channels"],
+        total: Int[AnyArray, ""],
+    ) -> "Segment":
+        """From the present load to the next one; `after`: the one after that."""
+        span, following = target - origin, after - target
         ratio = (span @ following) / jnp.maximum(span @ span, 1e-300)
         off = following - ratio * span
         straight = off @ off <= 1e-18 * (following @ following)
         ratio = jnp.where(straight, jnp.maximum(ratio, 0.0), 0.0)
-        return Segment(state.origin, target, span, following, ratio, count)
+        return Segment(origin, target, span, following, ratio, total)
 
     def load(self, t: AnyArray) -> Float[AnyArray, " channels"]:
         """The load at t, to the last digit at its end."""
@@ -149,7 +152,7 @@ def _factorised(
 ) -> tuple[Float[AnyArray, "dofs right"], AnyArray]:
     """matrix⁻¹ right, and the sign of its determinant; 0 where it has no solution that is of use."""
     if not problem.conservative:  # no energy whose minimum it could be: any solution of the equations will do
-        return jnp.linalg.solve(matrix, right), jnp.array(1.0)
+        return solve_any(matrix, right), jnp.array(1.0)
     if here.coupling is None:
         solved, definite = solve_definite(matrix, right)
         return solved, jnp.where(definite, 1.0, 0.0)

@@ -9,8 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from exosight.cpu import cores
-from exosight.mechanics.compiled_lanes import Common
-from exosight.mechanics.continuation_state import SNAPS, Records
+from exosight.mechanics.compiled_lanes import Common, Layouts, Progress
+from exosight.mechanics.continuation_records import Records
+from exosight.mechanics.continuation_state import SNAPS, OfLoad, OfSnap
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.mechanics.lanes import Lanes, Problems, Queue
 from exosight.mechanics.prepared import Settings, prepared
@@ -20,8 +21,6 @@ ROOM = 1, 32
 
 Two numbers, so at most two compilations: the robot's Hessian at each (5 KiB for the published exosuit) goes
 in and out of the compiled code, which a controller that asks for one load at a time would wait for."""
-
-_OF_SNAPS = "snap_step", "snap_load", "before", "after", "released", "taken"
 
 
 class Snap(NamedTuple):
@@ -41,6 +40,20 @@ class Snap(NamedTuple):
     after: Float[np.ndarray, " dofs"]
     energy: float
     taken: float
+
+
+class _Found(NamedTuple):
+    """What compiled code has found: (lanes, loads, …) and (lanes, snaps, …)."""
+
+    loads: OfLoad
+    snaps: OfSnap
+    jacobians: Float[np.ndarray, "lanes loads dofs dofs"]
+
+    @staticmethod
+    def of(layout: Layouts, progress: Progress) -> "_Found":
+        rows: Records = layout.records.unpack(np.asarray(progress.records))
+        loads, snaps = layout.own.of_load.unpack(rows.loads), layout.own.of_snap.unpack(rows.snaps)
+        return _Found(loads, snaps, np.asarray(rows.jacobians))
 
 
 class Solutions(NamedTuple):
@@ -151,24 +164,26 @@ def _fill_lanes(
         return
     lane = Lanes(problems, lanes, code, rows)
     lane.put(np.arange(len(taken)), taken, rows)
-    progress = lane.progress
     while np.any(lane.number >= 0) and not queue.stopped:
         # While robots or further loads wait, come back as soon as some lanes are free for them: for single
         # loads, which take a few evaluations, half of the lanes, else a quarter.
         free = int(np.count_nonzero(lane.number < 0))
         waiting = queue.waiting() or loads > room
         enough = min(lanes, free + max(1, lanes // (2 if room == ROOM[0] else 4))) if waiting else lanes
-        progress = code.advance(lane.rows, progress, options.tolerance, options.max_iterations, enough)
-        arrived = (np.asarray(progress.load) == lane.total) & (lane.number >= 0)
-        snaps = np.minimum(np.asarray(progress.snaps), SNAPS)
+        lane.advanced(
+            code.advance(lane.rows, lane.progress, options.tolerance, options.max_iterations, enough)
+        )
+        progress = lane.progress
+        arrived = (progress.load == lane.total) & (lane.number >= 0)
+        snaps = np.minimum(progress.snaps, SNAPS)
         told = (arrived | (snaps >= SNAPS)) & (lane.number >= 0)
-        lane.given.fresh[:], lane.given.told[:] = 0, told
-        records: Records = code.layout.records.unpack(np.asarray(progress.records))
-        _keep_snaps(found, records, lane, np.flatnonzero(told & (snaps > 0)), snaps)
+        progress.snaps[told] = 0
+        found_there = _Found.of(code.layout, progress)
+        _keep_snaps(found, found_there.snaps, lane, np.flatnonzero(told & (snaps > 0)), snaps)
         at = np.flatnonzero(arrived)
         if not len(at):
             continue
-        _keep(found, records, lane, at, options.eigenvalues)
+        _keep(found, found_there, lane, at, options.eigenvalues)
         over = lane.first[at] + lane.total[at] == loads
         for number in lane.number[at[over]].tolist():
             finished(number)
@@ -208,13 +223,14 @@ def _nothing(problems: Problems) -> Solutions:
 
 
 def _keep(
-    found: Solutions, records: Records, lane: Lanes, at: Int[np.ndarray, " some"], eigenvalues: bool
+    found: Solutions, there: _Found, lane: Lanes, at: Int[np.ndarray, " some"], eigenvalues: bool
 ) -> None:
     """What some lanes found at their loads; λ of ∇²Π v = λ M v from the whitened Hessian."""
     first, count = lane.first[at], lane.total[at]
     which = np.repeat(np.arange(len(at)), count)
     along = np.concatenate([np.arange(n) for n in count])
     source, into = (at[which], along), (lane.number[at][which], first[which] + along)
+    records = there.loads
     for name in ("q", "load", "residual", "snapped", "tied", "energy", "iterations"):
         getattr(found, name)[into] = getattr(records, name)[source]
     for name in ("supplied", "dissipated"):
@@ -229,7 +245,7 @@ def _keep(
         found.min_eigenvalue[into] = np.nan
         return
     whitener = lane.given.robots.whitener[at[which]]
-    whitened = whitener @ records.hessian[source] @ np.swapaxes(whitener, 1, 2)
+    whitened = np.asarray(whitener @ there.jacobians[source] @ np.swapaxes(whitener, 1, 2))
     eigenvalue = _smallest_eigenvalues(whitened)
     found.min_eigenvalue[into] = eigenvalue
     found.converged[into] &= eigenvalue > 0
@@ -249,13 +265,13 @@ def _smallest_eigenvalues(matrices: Float[np.ndarray, "some dofs dofs"]) -> Floa
 
 def _keep_snaps(
     found: Solutions,
-    records: Records,
+    snaps: OfSnap,
     lane: Lanes,
     at: Int[np.ndarray, " some"],
     count: Int[np.ndarray, " lanes"],
 ) -> None:
     for lane_at in at.tolist():
-        own = [np.array(getattr(records, name)[lane_at]) for name in _OF_SNAPS]
+        own = [np.array(values[lane_at]) for values in snaps]
         for step, load, before, after, energy, taken in list(zip(*own, strict=True))[: count[lane_at]]:
             found.snaps[lane.number[lane_at]].append(
                 Snap(int(lane.first[lane_at] + step), load, before, after, float(energy), float(taken))

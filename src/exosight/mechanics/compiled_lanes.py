@@ -12,11 +12,10 @@ from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float, Int
 
 from exosight.arrays import AnyArray
-from exosight.mechanics.continuation import stepper
-from exosight.mechanics.continuation_state import SNAPS, ContinuationState, begin
-from exosight.mechanics.evaluator import by_program, by_xla, prepare
+from exosight.mechanics.continuation_state import SNAPS
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.packing import Packing
+from exosight.mechanics.path_step import Carried, Layout, begun, layout_of, prepare, stepper
 from exosight.scalar_program import Unrolled
 
 Kinds = tuple[tuple[tuple[int, ...], np.dtype], ...]
@@ -66,27 +65,17 @@ class Robots(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What compiled code is told of the robot in each lane; truth values are 0 or 1.
-
-    loads        its next loads, of which `total` are meant; none in a lane that stands still
-    told         its snaps have been read
-    fresh        it starts anew, from pose `q` and loads `origin` with this history
-    """
+    """What compiled code is told of the robot in each lane: `total` next loads, none if it stands still."""
 
     robots: Robots
     loads: Float[AnyArray, "lanes room channels"]
     total: Float[AnyArray, " lanes"]
-    told: Float[AnyArray, " lanes"]
-    fresh: Float[AnyArray, " lanes"]
-    q: Float[AnyArray, "lanes dofs"]
-    origin: Float[AnyArray, "lanes channels"]
-    history: tuple[Float[AnyArray, "lanes ..."], ...]
 
 
 class Progress(NamedTuple):
     """Where the robots in the lanes are: what compiled code gives back, and goes on from.
 
-    state     (lanes, numbers)  a `ContinuationState` without its records
+    state     (lanes, numbers)  a row of the state, then its matrices, see `Carried`
     records   (lanes, numbers)  `Records`
     load      (lanes,)          index of the load that each is on the way to
     snaps     (lanes,)          how many are in the records
@@ -98,13 +87,15 @@ class Progress(NamedTuple):
     snaps: Int[AnyArray, " lanes"]
 
 
-class Layout(NamedTuple):
-    """How each of these lies in rows."""
+class Layouts(NamedTuple):
+    """How each of these lies in rows; `own`: the rows within, `begun`: the state of one that begins at 0."""
 
     robots: Packing
     given: Packing
     state: Packing
     records: Packing
+    own: Layout
+    begun: Float[np.ndarray, " numbers"]
 
 
 class Compiled(NamedTuple):
@@ -113,11 +104,10 @@ class Compiled(NamedTuple):
     layout    of rows
     prepare   arrays of some robots -> a row of numbers each, `Robots`
     advance   (`Given` in rows, `Progress`, tolerance, max_iterations, enough) -> `Progress`, once `enough`
-              lanes have their loads behind them or one has no room for snaps; nothing of the states of fresh
-              lanes is used
+              lanes have their loads behind them or one has no room for snaps
     """
 
-    layout: Layout
+    layout: Layouts
     prepare: Callable[[Float[np.ndarray, "robots numbers"]], Float[Array, "robots row"]]
     advance: Callable[..., Progress]
 
@@ -136,7 +126,7 @@ def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
         return Robots(arrays, metric.factor, metric.unit, whitener, prepare(program, robot))
 
     numbers = sum(int(np.prod(shape)) for shape, _ in common.kinds)
-    layout = _layout(common, jax.eval_shape(of_robot, np.zeros(numbers)), room)
+    layout = _layouts(common, jax.eval_shape(of_robot, np.zeros(numbers)), room)
 
     def advance(
         rows: Array, progress: Progress, tolerance: Array, max_iterations: Array, enough: Array
@@ -144,27 +134,22 @@ def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
         def one(row: Array, before: Progress) -> Progress:
             given: Given = layout.given.unpack(row)
             arrays, factor, unit, _, design = given.robots
-            robot, metric, total = (
-                robot_of(arrays),
-                Metric(jnp.asarray(factor), jnp.asarray(unit)),
-                given.total.astype(int),
+            metric, total = Metric(jnp.asarray(factor), jnp.asarray(unit)), given.total.astype(int)
+            step = stepper(
+                robot_of(arrays), metric, program, design, given.loads, total, tolerance, max_iterations
             )
-            evaluator = by_xla(robot, metric) if program is None else by_program(program, metric, design)
-            step = stepper(robot, evaluator, given.loads, total, tolerance, max_iterations)
-            anew = begin(given.q, given.origin, given.history, 0)._replace(records=None)
-            state = layout.state.unpack(before.state)
-            state = state._replace(snaps=jnp.where(given.told > 0, 0, state.snaps))
-            now = jax.tree.map(lambda a, b: jnp.where(given.fresh > 0, a, b), anew, state)
 
-            def going(state: ContinuationState) -> Array:
-                arrived = jax.lax.psum((state.load == total).astype(int), "lanes")
-                full = jax.lax.psum((state.snaps >= SNAPS).astype(int), "lanes")
+            def going(now: Carried) -> Array:
+                arrived = jax.lax.psum((now.load == total).astype(int), "lanes")
+                full = jax.lax.psum((now.snaps >= SNAPS).astype(int), "lanes")
                 return (arrived < enough) & (full == 0)
 
-            now = now._replace(records=layout.records.unpack(before.records))
-            now = jax.lax.while_loop(going, step, now)
-            records = layout.records.pack(now.records)
-            return Progress(layout.state.pack(now._replace(records=None)), records, now.load, now.snaps)
+            state, matrices = layout.state.unpack(before.state)
+            records = layout.records.unpack(before.records)
+            start = Carried(state, before.load, before.snaps, matrices, records)
+            now = jax.lax.while_loop(going, step, start)
+            state = layout.state.pack((now.row, now.matrices))
+            return Progress(state, layout.records.pack(now.records), now.load, now.snaps)
 
         return jax.vmap(one, axis_name="lanes")(rows, progress)
 
@@ -177,9 +162,13 @@ def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
     )
 
 
-def _layout(common: Common, robot: Robots, room: int) -> Layout:
-    number, loads = np.zeros(()), np.zeros(common.channels)
-    q, history = np.zeros(common.dofs), tuple(map(np.zeros, common.memories))
-    given = Given(robot, np.zeros((room, *loads.shape)), number, number, number, q, loads, history)
-    state = jax.tree.map(np.asarray, begin(q, loads, history, room))
-    return Layout(*map(Packing, (robot, given, state._replace(records=None), state.records)))
+def _layouts(common: Common, robot: Robots, room: int) -> Layouts:
+    memories = tuple(map(np.zeros, common.memories))
+    start = begun(common.dofs, common.channels, memories, room)
+    place, records = (start.row, start.matrices), start.records
+    given = Given(robot, np.zeros((room, common.channels)), np.zeros(()))
+    return Layouts(
+        *map(Packing, (robot, given, place, records)),
+        own=layout_of(common.dofs, common.channels, common.memories),
+        begun=np.asarray(Packing(place).pack(place)),
+    )

@@ -13,9 +13,7 @@ Each call evaluates the energy at one trial point, judges it (`acceptance`), rec
 the next one (`next_trial`), so that robots side by side never wait for one another.
 """
 
-from collections.abc import Callable
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,11 +24,11 @@ from exosight.arrays import AnyArray
 from exosight.mechanics import branch, descent
 from exosight.mechanics.acceptance import Point, Problem, Segment, Verdict, judge, linearise
 from exosight.mechanics.branch import Anchor
-from exosight.mechanics.continuation_records import Entry, entry_of, recorded
+from exosight.mechanics.continuation_records import Entry, entry_of
 from exosight.mechanics.continuation_state import ALONG, DESCEND, ContinuationState
-from exosight.mechanics.descent import Descent
-from exosight.mechanics.energy import Evaluation
-from exosight.mechanics.evaluator import Evaluator, Reached, Solve
+from exosight.mechanics.descent import Asked, Damped, Descent, Flow
+from exosight.mechanics.evaluator import Energy, Reached, reach, step_fraction
+from exosight.mechanics.kinematics import Motion
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.next_trial import Directions, next_trial
 from exosight.mechanics.robot import Robot
@@ -40,181 +38,119 @@ SNAPPED = 1e-4
 """Smallest change of pose that is reported as a snap, relative to `Metric.range`."""
 
 
-def stepper(
-    robot: Robot,
-    evaluator: Evaluator,
-    loads: Float[AnyArray, "loads channels"],
-    count: Int[AnyArray, ""],
-    tolerance: Float[AnyArray, ""],
-    max_iterations: Int[AnyArray, ""],
-) -> Callable[[ContinuationState], ContinuationState]:
-    """The function that takes a robot one evaluation further; only the first `count` loads are meant."""
-    working = np.array([float(channel not in robot.clocks) for channel in range(loads.shape[1])])
-    limits = evaluator.metric, working, tolerance, max_iterations
+class Looked(NamedTuple):
+    """What a trial point is, and all that the way on from there depends on.
 
-    def step(state: ContinuationState) -> ContinuationState:
-        segment = Segment.of(state, loads, count)
-        now = state._replace(records=None)
-        least = jnp.where(state.phase == DESCEND, descent.least(state.descent), jnp.inf)
-        reached, pose = evaluator.evaluate(
-            jnp.asarray(state.q), jnp.asarray(segment.load(state.t)), state.memories, least
-        )
-        there = reached.here
-        seen = evaluator.call(_assessed(robot.conservative), limits, segment, now, there, reached.gradient)
-        before, descending, arrived = state.descent.here, state.phase == DESCEND, seen.verdict.arrived
-        kept = _chosen(seen.accepted, _matrices(there), _matrices(before))  # of the descent
-        hessian, coupling = _chosen(descending, kept, _matrices(there))  # of the point
-        wanted = descending & seen.accepted & ~arrived
-        flow = _flow(robot.conservative, limits[0], evaluator.solve, kept[0], seen, wanted)
-        going = jnp.where(descending, flow.step, seen.correction)
-        free = evaluator.step_fraction(pose, jnp.where(arrived, seen.tangent, going))
-        now = now._replace(descent=now.descent._replace(here=_without_matrices(before)))
-        taken = _dissipated(robot, reached.memories) - _dissipated(robot, now.anchor.memories)
-        ended: Any = reached._replace(here=None)
-        now, entry = evaluator.call(
-            _advanced(robot.conservative), limits, segment, now, ended, seen, flow, free, taken
-        )
-        here = now.descent.here._replace(hessian=kept[0], coupling=kept[1])
-        jacobian = hessian if coupling is None else hessian + coupling
-        records = recorded(state.records, entry, jacobian)
-        return now._replace(descent=now.descent._replace(here=here), records=records)
-
-    return step
-
-
-def _dissipated(robot: Robot, memories: Memories) -> AnyArray:
-    return robot.with_memories(memories).dissipated()
-
-
-def _matrices(here: Evaluation) -> tuple[AnyArray, AnyArray | None]:
-    return here.hessian, here.coupling
-
-
-def _chosen(first: AnyArray, one: Any, other: Any) -> Any:
-    return jax.tree.map(lambda a, b: jnp.where(first, a, b), one, other)
-
-
-def _without_matrices(here: Any) -> Any:
-    """Moving its matrices in and out of programs would take as long as what is done there."""
-    return here._replace(hessian=None, coupling=None)
-
-
-class Flow(NamedTuple):
-    """The step of a descent, 1/h of it, and stepᵀ ∇²Π step."""
-
-    step: Float[AnyArray, " dofs"]
-    shift: Float[AnyArray, ""]
-    curvature: Float[AnyArray, ""]
-
-
-class Seen(NamedTuple):
-    """What a trial point is, and where it leads.
-
+    state, segment    of the robot that looks
+    problem           what stays the same
+    reached, motion   what the step to the point leads to
+    point, verdict    what it is
     moved, accepted   a descent there, and whether the trial point is a step of it
+    newton            Newton's step from there
+    whole, saddle     whether that is the descent's next one, and whether it is at a saddle
     tangent           dq/dt from here on
     correction        Newton's step, at a load or along the branch
     """
 
+    state: ContinuationState
+    segment: Segment
+    problem: Problem
+    reached: Reached
+    motion: Motion
     point: Point
     verdict: Verdict
     moved: Descent
     accepted: Bool[AnyArray, ""]
+    newton: Flow
+    whole: Bool[AnyArray, ""]
+    saddle: Bool[AnyArray, ""]
     tangent: Float[AnyArray, " dofs"]
     correction: Float[AnyArray, " dofs"]
 
 
-@cache
-def _assessed(conservative: bool) -> Callable[..., Seen]:
-    """The function that judges a trial point, for robots whose forces all have a potential or not."""
-
-    def assess(
-        limits: tuple,
-        segment: Segment,
-        state: ContinuationState,
-        there: Evaluation,
-        arriving: Float[AnyArray, " dofs"],
-    ) -> Seen:
-        problem = _problem(conservative, limits)
-        metric = problem.metric
-        residual = metric.residual(state.q, there.gradient)
-        descending = state.phase == DESCEND
-        moved, accepted = descent.accept(
-            state.descent, metric, state.q, there, arriving, residual, conservative
-        )
-        q, here, residual = jax.tree.map(
-            lambda a, b: jnp.where(descending, a, b),
-            (moved.q, moved.here, moved.residual),
-            (state.q, there, residual),
-        )
-        point = linearise(state, problem, segment, q, here, residual)
-        verdict = judge(state, problem, segment, point)
-        tangent = point.response @ jnp.where(verdict.at_load, segment.following, segment.span)
-        return Seen(
-            point._replace(here=_without_matrices(point.here)),
-            verdict,
-            moved._replace(here=_without_matrices(moved.here)),
-            accepted,
-            tangent,
-            correction=jnp.where(state.phase == ALONG, point.bordered.q, point.newton),
-        )
-
-    return assess
-
-
-@cache
-def _advanced(conservative: bool) -> Callable[..., tuple[ContinuationState, Entry]]:
-    """The function to the next trial point, for robots whose forces all have a potential or not."""
-
-    def advance(
-        limits: tuple,
-        segment: Segment,
-        state: ContinuationState,
-        reached: Reached,
-        seen: Seen,
-        flow: Flow,
-        free: Float[AnyArray, ""],
-        taken: Float[AnyArray, ""],
-    ) -> tuple[ContinuationState, Entry]:
-        problem = _problem(conservative, limits)
-        point, verdict, moved = seen.point, seen.verdict, seen.moved
-        by_t = segment.span @ point.here.load_gradient
-        moved_on = verdict.arrived | (reached.ended & seen.accepted)
-        memories = tuple(
-            jnp.where(moved_on, new, old) for new, old in zip(reached.memories, state.memories, strict=True)
-        )
-        state = state._replace(memories=memories)
-        state, entry = _settle(state, problem, segment, point, verdict, moved, seen.tangent, taken)
-        ways = Directions(seen.correction, *flow, seen.accepted, free, by_t)
-        return next_trial(state, problem, point, verdict, ways), entry
-
-    return advance
-
-
-def _problem(conservative: bool, limits: tuple) -> Problem:
-    metric, working, tolerance, max_iterations = limits
-    lower = metric._replace(factor=jnp.tril(metric.factor))  # what a program need not multiply
-    return Problem(lower, working, conservative, tolerance, max_iterations)
-
-
-def _flow(
-    conservative: bool,
+def look(
+    robot: Robot,
     metric: Metric,
-    solve: Solve,
-    hessian: Float[AnyArray, "dofs dofs"],
-    seen: Seen,
-    wanted: Bool[AnyArray, ""],
-) -> Flow:
-    """How a descent goes on from here; `wanted`: whether one does."""
-    moved, point = seen.moved, seen.point
-    if conservative:
-        saddle = point.converged & ~point.stable
-        step, shift = descent.direction(
-            moved, metric, solve, hessian, point.newton, point.stable, saddle, wanted
-        )
-    else:
-        shortened = jnp.minimum(1.0, moved.radius / jnp.maximum(metric.size(point.newton), 1e-300))
-        step, shift = point.newton * shortened, jnp.asarray(moved.shift)
-    return Flow(step, shift, step @ hessian @ step)
+    energy: Energy,
+    state: ContinuationState,
+    segment: Segment,
+    tolerance: Float[AnyArray, ""],
+    max_iterations: Int[AnyArray, ""],
+) -> tuple[Asked, Looked]:
+    """The first half of a step: evaluate and judge the trial point; with what `descent.damped` is to find."""
+    working = np.array([float(channel not in robot.clocks) for channel in range(len(segment.span))])
+    problem = Problem(metric, working, robot.conservative, tolerance, max_iterations)
+    descending = state.phase == DESCEND
+    least = jnp.where(descending, descent.least(state.descent), jnp.inf)
+    trial, loads = jnp.asarray(state.q), jnp.asarray(segment.load(state.t))
+    reached, motion = reach(robot, metric, energy, trial, loads, state.memories, least)
+    residual = metric.residual(state.q, reached.here.gradient)
+    moved, accepted = descent.accept(
+        state.descent, metric, state.q, reached.here, reached.gradient, residual, robot.conservative
+    )
+    q, here, residual = jax.tree.map(
+        lambda a, b: jnp.where(descending, a, b),
+        (moved.q, moved.here, moved.residual),
+        (state.q, reached.here, residual),
+    )
+    point = linearise(state, problem, segment, q, here, residual)
+    verdict = judge(state, problem, segment, point)
+    wanted = descending & accepted & ~verdict.arrived
+    saddle = point.converged & ~point.stable
+    if robot.conservative:
+        asked, whole = descent.ask(moved, metric, point.newton, point.stable, saddle, wanted)
+        step = Flow(point.newton, jnp.array(0.0), point.newton @ moved.here.hessian @ point.newton)
+    else:  # there is no flow: of Newton's step as much as the trust radius allows
+        asked, whole = Asked(point.newton, moved.shift, moved.radius, jnp.array(False)), jnp.array(True)
+        part = jnp.minimum(1.0, moved.radius / jnp.maximum(metric.size(point.newton), 1e-300))
+        step = part * point.newton
+        step, saddle = Flow(step, moved.shift, step @ moved.here.hessian @ step), jnp.array(False)
+    return asked, Looked(
+        state,
+        segment,
+        problem,
+        reached,
+        motion,
+        point,
+        verdict,
+        moved,
+        accepted,
+        step,
+        whole,
+        saddle,
+        tangent=point.response @ jnp.where(verdict.at_load, segment.following, segment.span),
+        correction=jnp.where(state.phase == ALONG, point.bordered.q, point.newton),
+    )
+
+
+def go_on(robot: Robot, seen: Looked, found: Damped) -> tuple[ContinuationState, Entry]:
+    """The second half: the next trial point, and what is to be recorded."""
+    state, point, verdict, moved = seen.state, seen.point, seen.verdict, seen.moved
+    flow = descent.direction(moved, seen.newton, point.stable, seen.saddle, seen.whole, found)
+    going = jnp.where(state.phase == DESCEND, flow.step, seen.correction)
+    free = step_fraction(robot, seen.motion, jnp.where(verdict.arrived, seen.tangent, going))
+    taken = _dissipated(robot, seen.reached.memories) - _dissipated(robot, state.anchor.memories)
+    by_t = seen.segment.span @ point.here.load_gradient
+    moved_on = verdict.arrived | (seen.reached.ended & seen.accepted)
+    memories = tuple(
+        jnp.where(moved_on, new, old) for new, old in zip(seen.reached.memories, state.memories, strict=True)
+    )
+    now, entry = _settle(
+        state._replace(memories=memories),
+        seen.problem,
+        seen.segment,
+        point,
+        verdict,
+        moved,
+        seen.tangent,
+        taken,
+    )
+    ways = Directions(seen.correction, *flow, seen.accepted, free, by_t)
+    return next_trial(now, seen.problem, point, verdict, ways), entry
+
+
+def _dissipated(robot: Robot, memories: Memories) -> AnyArray:
+    return robot.with_memories(memories).dissipated()
 
 
 def _settle(

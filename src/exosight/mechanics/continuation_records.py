@@ -1,26 +1,23 @@
 """What is recorded of a robot on its quasi-static path: at each load, and at each snap."""
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.acceptance import Point
-from exosight.mechanics.continuation_state import SNAPS, ContinuationState, Records
+from exosight.mechanics.continuation_state import ContinuationState, OfLoad, OfSnap
 
 
 class Entry(NamedTuple):
-    """What is to be recorded: at load `load` if `done`, and a snap on the way to it if `jumped`."""
+    """What is to be recorded: at the load that was aimed at if `done`, and of a snap if `jumped`."""
 
-    load: Int[AnyArray, ""]
-    snap: Int[AnyArray, ""]
     done: Bool[AnyArray, ""]
     jumped: Bool[AnyArray, ""]
-    of_load: dict[str, Any]
-    of_snap: dict[str, Any]
+    of_load: OfLoad
+    of_snap: OfSnap
 
 
 def entry_of(
@@ -39,43 +36,40 @@ def entry_of(
     released  Π at `snap_load` of the anchor, less that of the point [J]
     taken     what terms with a memory have dissipated since the anchor [J]
     """
-    of_load = {
-        "q": jnp.where(at_load, point.q, state.anchor.q),
-        "energy": point.here.energy,
-        "supplied": state.supplied,
-        "dissipated": state.dissipated,
-        "residual": point.residual,
-        "iterations": state.steps,
-        "converged": at_load,
-        "snapped": state.snapped,
-        "tied": state.tied,
-        "load": reached,
-        "memories": jax.tree.map(
+    of_load = OfLoad(
+        q=jnp.where(at_load, point.q, state.anchor.q),
+        energy=point.here.energy,
+        supplied=state.supplied,
+        dissipated=state.dissipated,
+        residual=point.residual,
+        iterations=state.steps,
+        converged=at_load,
+        snapped=state.snapped,
+        tied=state.tied,
+        load=reached,
+        memories=jax.tree.map(
             lambda new, old: jnp.where(at_load, new, old), state.memories, state.anchor.memories
         ),
-    }
-    of_snap = {
-        "snap_step": state.load,
-        "snap_load": snap_load,
-        "before": state.anchor.q,
-        "after": point.q,
-        "released": released,
-        "taken": taken,
-    }
-    return Entry(jnp.asarray(state.load), jnp.asarray(state.snaps), done, jumped, of_load, of_snap)
+    )
+    of_snap = OfSnap(state.load, snap_load, state.anchor.q, point.q, released, taken)
+    return Entry(done, jumped, of_load, of_snap)
 
 
-def recorded(records: Records, entry: Entry, jacobian: AnyArray) -> Records:
-    """The records with what is to be recorded; `jacobian`: ∂∇Π/∂q at the point."""
+class Records(NamedTuple):
+    """Rows of `OfLoad` and `OfSnap`, see `Packing`, and ∂∇Π/∂q at each load."""
 
-    def put(at: AnyArray, wanted: AnyArray) -> Callable[[AnyArray, AnyArray], Array]:
-        return lambda into, value: jnp.asarray(into).at[at].set(jnp.where(wanted, value, into[at]))
+    loads: Float[AnyArray, "*robots loads numbers"]
+    snaps: Float[AnyArray, "*robots snaps numbers"]
+    jacobians: Float[AnyArray, "*robots loads dofs dofs"]
 
-    of_load = put(jnp.minimum(entry.load, len(records.q) - 1), entry.done)
-    of_snap = put(jnp.minimum(entry.snap, SNAPS - 1), entry.jumped)
-    new = {
-        name: jax.tree.map(of_load, getattr(records, name), value) for name, value in entry.of_load.items()
-    }
-    new["hessian"] = of_load(records.hessian, jacobian)
-    new |= {name: of_snap(getattr(records, name), value) for name, value in entry.of_snap.items()}
-    return records._replace(**new)
+
+def put(
+    rows: Float[AnyArray, "places ..."],
+    at: Int[AnyArray, ""],
+    wanted: Bool[AnyArray, ""],
+    value: Float[AnyArray, "..."],
+) -> Float[Array, "places ..."]:
+    """The rows with a value in one place, the last if there are not so many, if it is wanted."""
+    at = jnp.minimum(at, len(rows) - 1)
+    before = jax.lax.dynamic_index_in_dim(rows, at, keepdims=False)
+    return jax.lax.dynamic_update_index_in_dim(rows, jnp.where(wanted, value, before), at, 0)

@@ -18,41 +18,46 @@ SNAPS = 16
 """Room for snaps; all lanes are handed back when one has used it."""
 
 
-class Records(NamedTuple):
-    """What was found at each load, and at each snap.
+class OfLoad(NamedTuple):
+    """What was found at a load.
 
-    memories      what the terms of the robot remember there
-    supplied      what changing loads gave on the way there [J], and what was dissipated
-    snap_step     the load on the way to which it snapped
-    snap_load     the load of the snap; `before` and `after` the poses there, the energy set free, and what
-                  terms with a memory took of it [J]
+    memories   what the terms of the robot remember there
+    supplied   what changing loads gave on the way there [J], and what was dissipated
     """
 
-    q: Float[AnyArray, "loads dofs"]
-    hessian: Float[AnyArray, "loads dofs dofs"]
-    energy: Float[AnyArray, " loads"]
-    supplied: Float[AnyArray, " loads"]
-    dissipated: Float[AnyArray, " loads"]
-    residual: Float[AnyArray, " loads"]
-    iterations: Int[AnyArray, " loads"]
-    converged: Bool[AnyArray, " loads"]
-    snapped: Bool[AnyArray, " loads"]
-    tied: Bool[AnyArray, " loads"]
-    load: Float[AnyArray, "loads channels"]
-    memories: tuple[Float[AnyArray, "loads ..."], ...]
-    snap_step: Int[AnyArray, " snaps"]
-    snap_load: Float[AnyArray, "snaps channels"]
-    before: Float[AnyArray, "snaps dofs"]
-    after: Float[AnyArray, "snaps dofs"]
-    released: Float[AnyArray, " snaps"]
-    taken: Float[AnyArray, " snaps"]
+    q: Float[AnyArray, "*loads dofs"]
+    energy: Float[AnyArray, "*loads"]
+    supplied: Float[AnyArray, "*loads"]
+    dissipated: Float[AnyArray, "*loads"]
+    residual: Float[AnyArray, "*loads"]
+    iterations: Int[AnyArray, "*loads"]
+    converged: Bool[AnyArray, "*loads"]
+    snapped: Bool[AnyArray, "*loads"]
+    tied: Bool[AnyArray, "*loads"]
+    load: Float[AnyArray, "*loads channels"]
+    memories: tuple[Float[AnyArray, "..."], ...]
+
+
+class OfSnap(NamedTuple):
+    """A snap: on the way to which load, the load of it [N], the poses before and after.
+
+    released   the energy set free [J]
+    taken      what terms with a memory took of it [J]
+    """
+
+    step: Int[AnyArray, "*snaps"]
+    load: Float[AnyArray, "*snaps channels"]
+    before: Float[AnyArray, "*snaps dofs"]
+    after: Float[AnyArray, "*snaps dofs"]
+    released: Float[AnyArray, "*snaps"]
+    taken: Float[AnyArray, "*snaps"]
 
 
 class ContinuationState(NamedTuple):
     """Where one robot is.
 
     load, steps    index of the load it is on the way to (their number once done), evaluations spent on that
-    snaps          how many are in `records`
+    snaps          how many have been recorded
     phase, tries   see TO_LOAD …, and evaluations spent on the present trial
     origin         loads at the start of the present segment [N]
     q, t           trial point: pose, and where on the segment
@@ -87,16 +92,14 @@ class ContinuationState(NamedTuple):
     tied: Bool[AnyArray, ""]
     supplied: Float[AnyArray, ""]
     dissipated: Float[AnyArray, ""]
-    records: Records
 
 
 def begin(
     q: Float[AnyArray, " dofs"],
     origin: Float[AnyArray, " channels"],
     memories: Memories,
-    room: int,
 ) -> ContinuationState:
-    """A robot at pose q and loads `origin` with room for so many loads."""
+    """A robot at pose q and loads `origin`."""
     n, channels = len(q), len(origin)
     zeros: Any = np.zeros
     whole, flag, one = zeros((), int), zeros((), bool), zeros(())
@@ -130,24 +133,4 @@ def begin(
         tied=flag,
         supplied=one,
         dissipated=one,
-        records=Records(
-            q=zeros((room, n)),
-            hessian=zeros((room, n, n)),
-            energy=zeros(room),
-            supplied=zeros(room),
-            dissipated=zeros(room),
-            residual=zeros(room),
-            iterations=zeros(room, int),
-            converged=zeros(room, bool),
-            snapped=zeros(room, bool),
-            tied=zeros(room, bool),
-            load=zeros((room, channels)),
-            memories=tuple(zeros((room, *memory.shape)) for memory in memories),
-            snap_step=zeros(SNAPS, int),
-            snap_load=zeros((SNAPS, channels)),
-            before=zeros((SNAPS, n)),
-            after=zeros((SNAPS, n)),
-            released=zeros(SNAPS),
-            taken=zeros(SNAPS),
-        ),
     )

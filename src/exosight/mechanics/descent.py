@@ -6,6 +6,7 @@ radius grows while the quadratic model predicts the energy, so that the last ste
 where the flow would rest, it is left in a fixed direction.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -15,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.energy import Evaluation
-from exosight.mechanics.evaluator import Solve
+from exosight.mechanics.evaluator import solve_definite
 from exosight.mechanics.metric import Metric
 
 LARGEST = 0.5
@@ -125,45 +126,111 @@ def least(descent: Descent) -> Float[Array, ""]:
     return jnp.where(descent.fresh, jnp.inf, jnp.where(descent.convex, NEAR, 0.0))
 
 
-def direction(
+class Asked(NamedTuple):
+    """What a step that is no whole Newton step is found from, see `damped`.
+
+    along    (dofs,)  −(∇²Π + M/h) step
+    shift    1/h, before the first attempt
+    longest  length that the step may have
+    wanted   whether there is to be one
+    """
+
+    along: Float[AnyArray, " dofs"]
+    shift: Float[AnyArray, ""]
+    longest: Float[AnyArray, ""]
+    wanted: Bool[AnyArray, ""]
+
+
+class Damped(NamedTuple):
+    """A step with ∇²Π + M/h positive definite, not a number if there is none: its length, stepᵀ ∇²Π step."""
+
+    step: Float[AnyArray, " dofs"]
+    shift: Float[AnyArray, ""]
+    length: Float[AnyArray, ""]
+    curvature: Float[AnyArray, ""]
+
+
+class Flow(NamedTuple):
+    """The next step, before gaps, 1/h of it, and stepᵀ ∇²Π step."""
+
+    step: Float[AnyArray, " dofs"]
+    shift: Float[AnyArray, ""]
+    curvature: Float[AnyArray, ""]
+
+
+def ask(
     descent: Descent,
     metric: Metric,
-    solve: Solve,
-    hessian: Float[AnyArray, "dofs dofs"],
     newton: Float[AnyArray, " dofs"],
     stable: Bool[AnyArray, ""],
     saddle: Bool[AnyArray, ""],
     wanted: Bool[AnyArray, ""],
-) -> tuple[Float[AnyArray, " dofs"], Float[AnyArray, ""]]:
-    """The next step, before gaps, and 1/h of it.
+) -> tuple[Asked, Bool[AnyArray, ""]]:
+    """What `damped` needs for the next step, and whether it is a whole Newton step and needs nothing.
 
     newton   −(∇²Π)⁻¹ ∇Π, of no meaning unless `stable`
     saddle   ∇Π is zero but ∇²Π not positive definite
     wanted   whether the answer is used at all
     """
-    radius, matrix = descent.radius, metric.factor @ metric.factor.T
-    along = jnp.where(saddle, _some_direction(len(newton)), descent.here.gradient)
-
-    def attempt(shift: Array) -> tuple[Array, Array]:
-        solved, definite = solve(hessian + shift * matrix, along[:, None])
-        return shift, jnp.where(definite, -solved[:, 0], jnp.nan)
-
-    def too_long(state: tuple[Array, Array]) -> Array:
-        length = metric.size(state[1])
-        return ~(length <= 2 * radius) & (state[0] < 1e12) & wanted & ~whole
-
     # With friction Newton's step may lead uphill, where no part of it is a step of the flow.
     downhill = (descent.here.gradient @ newton < 0) | near_rest(descent._replace(convex=stable))
-    whole = stable & downhill & (metric.size(newton) <= radius)
+    whole = stable & downhill & (metric.size(newton) <= descent.radius)
+    along = jnp.where(saddle, _some_direction(len(newton)), descent.here.gradient)
     first = jnp.maximum(descent.shift / 16, 1e-3)
-    none = first / 4, jnp.full(len(newton), jnp.nan)
-    shift, damped = jax.lax.while_loop(too_long, lambda state: attempt(4 * state[0]), none)
-    length = jnp.maximum(metric.size(damped), 1e-300)
+    return Asked(along, first / 4, 2 * descent.radius, wanted & ~whole), whole
+
+
+def attempt(
+    hessian: Float[AnyArray, "dofs dofs"],
+    matrix: Float[AnyArray, "dofs dofs"],
+    along: Float[AnyArray, " dofs"],
+    shift: Float[AnyArray, ""],
+) -> tuple[Float[AnyArray, " dofs"], Float[AnyArray, ""], Float[AnyArray, ""]]:
+    """The step of this 1/h, its length, and stepᵀ ∇²Π step; `matrix`: M."""
+    solved, definite = solve_definite(hessian + shift * matrix, along[:, None])
+    step = jnp.where(definite, -solved[:, 0], jnp.nan)
+    return step, jnp.sqrt(step @ matrix @ step), step @ hessian @ step
+
+
+def damped(
+    attempted: Callable[..., tuple],
+    hessian: Float[AnyArray, "dofs dofs"],
+    matrix: Float[AnyArray, "dofs dofs"],
+    asked: Asked,
+) -> Damped:
+    """The first step that is short enough, with 1/h four times as large each time; as begun if not wanted.
+
+    attempted   `attempt`, by XLA or as a program
+    """
+
+    def too_long(found: Damped) -> Array:
+        return jnp.asarray(~(found.length <= asked.longest) & (found.shift < 1e12) & asked.wanted)
+
+    def again(found: Damped) -> Damped:
+        step, length, curvature = attempted(hessian, matrix, asked.along, 4 * found.shift)
+        return Damped(step, 4 * found.shift, length, curvature)
+
+    nothing = jnp.array(jnp.nan)
+    begun = Damped(jnp.full(len(hessian), jnp.nan), asked.shift, nothing, nothing)
+    return jax.lax.while_loop(too_long, again, begun)
+
+
+def direction(
+    descent: Descent,
+    newton: Flow,
+    stable: Bool[AnyArray, ""],
+    saddle: Bool[AnyArray, ""],
+    whole: Bool[AnyArray, ""],
+    found: Damped,
+) -> Flow:
+    """The next step: Newton's if it may be `whole`, else what has been found."""
+    length = jnp.maximum(found.length, 1e-300)
     # Past a fold or at a saddle the gradient says little; a step of the trust radius leaves them at once.
-    damped = damped * jnp.where(stable, jnp.minimum(1.0, radius / length), radius / length)
-    step = jnp.where(whole, newton, damped)
+    part = jnp.where(stable, jnp.minimum(1.0, descent.radius / length), descent.radius / length)
+    damped = Flow(found.step * part, found.shift, part**2 * found.curvature)
+    step, shift, curvature = (jnp.where(whole, a, b) for a, b in zip(newton, damped, strict=True))
     step = jnp.where(saddle & (descent.here.gradient @ step > 0), -step, step)
-    return step, jnp.where(whole, 0.0, shift)
+    return Flow(step, shift, curvature)
 
 
 def _some_direction(dofs: int) -> Array:

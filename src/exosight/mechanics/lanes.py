@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from exosight.mechanics.compiled_lanes import Compiled, Progress, Rows
+from exosight.mechanics.compiled_lanes import Compiled, Given, Progress, Rows
+from exosight.mechanics.continuation_state import ContinuationState
 from exosight.mechanics.prepared import Prepared
 
 
@@ -55,7 +56,7 @@ class Lanes:
     first      index of the first of the loads that it is on, of which there are `total`
     rows       (lanes, numbers)  `given`, as compiled code takes it
     given      the same by names, to be written to
-    progress   to begin with, while all lanes are fresh
+    progress   where they are: NumPy arrays to be written to, but for the records
     """
 
     def __init__(self, problems: Problems, lanes: int, code: Compiled, robots: Rows) -> None:
@@ -64,38 +65,49 @@ class Lanes:
         self.total = np.zeros(lanes, int)
         layout = code.layout
         self.rows = np.zeros((lanes, layout.given.numbers))
-        self.given = layout.given.unpack(self.rows)
+        self.given: Given = layout.given.unpack(self.rows)
         self._robots = self.rows[:, : robots.shape[1]]
         self._robots[:] = robots[0]
-        self.given.fresh[:] = 1
-        self.given.q[:], self.given.origin[:] = problems.q[0], problems.origin[0]
-        for own, memory in zip(self.given.history, problems.history, strict=True):
-            own[:] = memory[0]
         self.progress = Progress(
-            np.zeros((lanes, layout.state.numbers)),
+            np.tile(layout.begun, (lanes, 1)),
             np.zeros((lanes, layout.records.numbers)),
             np.zeros(lanes, int),
             np.zeros(lanes, int),
         )
+        row, _ = layout.state.unpack(self.progress.state)
+        own: ContinuationState = layout.own.state.unpack(row)
+        self._begun = layout.begun
+        self._poses = own.q, own.anchor.q, own.descent.q
+        self._origin, self._memories = own.origin, (own.memories, own.anchor.memories)
+        self._start(np.arange(lanes), (problems.q, problems.origin, *problems.history), np.zeros(lanes, int))
 
     def put(self, at: Int[np.ndarray, " some"], numbers: Int[np.ndarray, " some"], robots: Rows) -> None:
         """Robots at the start of their paths into some lanes."""
         problems = self._problems
         self.number[at], self.first[at], self._robots[at] = numbers, 0, robots
-        self._begin(at, problems.q, problems.origin, problems.history, numbers)
+        self._begin(at, (problems.q, problems.origin, *problems.history), numbers)
 
     def go_on(self, at: Int[np.ndarray, " some"], q: np.ndarray, load: np.ndarray, history: Any) -> None:
         """Some lanes to the next loads of their robots, from what was found before, (robots, loads, ...)."""
         self.first[at] += self.total[at]
-        self._begin(at, q, load, history, (self.number[at], self.first[at] - 1))
+        self._begin(at, (q, load, *history), (self.number[at], self.first[at] - 1))
 
     def stand(self, at: Int[np.ndarray, " some"]) -> None:
         """Some lanes have no robot any more."""
         self.number[at] = -1
 
-    def _begin(
-        self, at: np.ndarray, q: np.ndarray, load: np.ndarray, history: Sequence[np.ndarray], where: Any
-    ) -> None:
+    def advanced(self, progress: Progress) -> None:
+        """Compiled code has come so far."""
+        own = self.progress
+        for ours, theirs in (
+            (own.state, progress.state),
+            (own.load, progress.load),
+            (own.snaps, progress.snaps),
+        ):
+            ours[:] = np.asarray(theirs)
+        self.progress = own._replace(records=progress.records)
+
+    def _begin(self, at: np.ndarray, start: Sequence[np.ndarray], where: Any) -> None:
         given, loads, first = self.given, self._problems.loads, self.first[at]
         room = given.loads.shape[1]
         total = np.minimum(loads.shape[1] - first, room)
@@ -105,7 +117,16 @@ class Lanes:
             total,
             total,
         )
-        given.fresh[at] = 1
-        into = (given.q, given.origin, *given.history)
-        for own, rows in zip(into, (q, load, *history), strict=True):
-            own[at] = rows[where]
+        self._start(at, start, where)
+
+    def _start(self, at: np.ndarray, start: Sequence[np.ndarray], where: Any) -> None:
+        """Some lanes from poses, loads and histories (robots, …), of these robots."""
+        state, _, load, snaps = self.progress
+        state[at], load[at], snaps[at] = self._begun, 0, 0
+        q, origin, *history = start
+        for pose in self._poses:
+            pose[at] = q[where]
+        self._origin[at] = origin[where]
+        for own in self._memories:
+            for rows, memory in zip(own, history, strict=True):
+                rows[at] = memory[where]

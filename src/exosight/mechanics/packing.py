@@ -32,7 +32,7 @@ class Packing:
 
     def pack(self, tree: Any) -> Float[Array, " numbers"]:
         """A tree as a row."""
-        return jnp.concatenate([jnp.ravel(leaf).astype(float) for leaf in jax.tree.leaves(tree)])
+        return jnp.concatenate([jnp.reshape(leaf, -1).astype(float) for leaf in jax.tree.leaves(tree)])
 
     def unpack(self, rows: Float[AnyArray, "*batch numbers"]) -> Any:
         """The trees of some rows, of arrays with leading axes; floats of NumPy are views of the rows."""

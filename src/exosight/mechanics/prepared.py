@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from exosight.mechanics.compiled_lanes import Common, Compiled, Rows, compiled
-from exosight.mechanics.evaluator import program_of
 from exosight.mechanics.known_numbers import known_numbers
+from exosight.mechanics.path_step import program_of
 
 MOST = 256
 """Robots that are prepared at once, and kept: some 12 MiB. Of more each is prepared when its turn comes."""

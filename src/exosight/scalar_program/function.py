@@ -36,7 +36,7 @@ class Unrolled:
         arguments   the stage's own
         """
         program, shapes = self.stages[stage], self.results[stage]
-        flat = jnp.concatenate([jnp.ravel(x) for x in jax.tree.leaves(arguments)])
+        flat = jnp.concatenate([jnp.reshape(x, -1) for x in jax.tree.leaves(arguments)])
         given = [flat] if handed is None else [handed, flat]
         kinds = [
             jax.ShapeDtypeStruct((size,), np.float64)
