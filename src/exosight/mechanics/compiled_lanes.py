@@ -12,7 +12,7 @@ from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float, Int
 
 from exosight.arrays import AnyArray
-from exosight.mechanics.continuation_state import SNAPS
+from exosight.mechanics.continuation_state import SNAPS, ContinuationState
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.packing import Packing
 from exosight.mechanics.path_step import Carried, Layout, begun, layout_of, prepare, stepper
@@ -87,15 +87,24 @@ class Progress(NamedTuple):
     snaps: Int[AnyArray, " lanes"]
 
 
+class Start(NamedTuple):
+    """The state of a robot that begins at 0, and where its pose, loads and memories stand in it."""
+
+    row: Float[np.ndarray, " numbers"]
+    poses: list[slice]
+    loads: slice
+    memories: list[list[slice]]
+
+
 class Layouts(NamedTuple):
-    """How each of these lies in rows; `own`: the rows within, `begun`: the state of one that begins at 0."""
+    """How each of these lies in rows; `own`: the rows within, `start`: the state of one that begins."""
 
     robots: Packing
     given: Packing
     state: Packing
     records: Packing
     own: Layout
-    begun: Float[np.ndarray, " numbers"]
+    start: Start
 
 
 class Compiled(NamedTuple):
@@ -167,8 +176,24 @@ def _layouts(common: Common, robot: Robots, room: int) -> Layouts:
     start = begun(common.dofs, common.channels, memories, room)
     place, records = (start.row, start.matrices), start.records
     given = Given(robot, np.zeros((room, common.channels)), np.zeros(()))
+    own = layout_of(common.dofs, common.channels, common.memories)
     return Layouts(
         *map(Packing, (robot, given, place, records)),
-        own=layout_of(common.dofs, common.channels, common.memories),
-        begun=np.asarray(Packing(place).pack(place)),
+        own=own,
+        start=_start(np.asarray(Packing(place).pack(place)), own.state),
+    )
+
+
+def _start(row: Float[np.ndarray, " numbers"], state: Packing) -> Start:
+    places: ContinuationState = state.unpack(np.arange(float(state.numbers))[None])
+
+    def where(part: Any) -> slice:
+        first = int(np.ravel(part)[0])
+        return slice(first, first + np.size(part))
+
+    return Start(
+        row,
+        [where(pose) for pose in (places.q, places.anchor.q, places.descent.q)],
+        where(places.origin),
+        [[where(part) for part in history] for history in (places.memories, places.anchor.memories)],
     )

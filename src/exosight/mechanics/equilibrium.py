@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -39,7 +39,7 @@ class SolverOptions:
             raise InputError(f"solver: expected tolerance, max_iterations and lanes above 0, got {self}")
 
 
-class Equilibria(eqx.Module):
+class Equilibria(NamedTuple):
     """Equilibria along a path; every field may carry leading batch dimensions.
 
     q               (loads, dofs)   coordinates

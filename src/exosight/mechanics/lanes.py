@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from exosight.mechanics.compiled_lanes import Compiled, Given, Progress, Rows
-from exosight.mechanics.continuation_state import ContinuationState
 from exosight.mechanics.prepared import Prepared
 
 
@@ -69,16 +68,12 @@ class Lanes:
         self._robots = self.rows[:, : robots.shape[1]]
         self._robots[:] = robots[0]
         self.progress = Progress(
-            np.tile(layout.begun, (lanes, 1)),
+            np.zeros((lanes, layout.state.numbers)),
             np.zeros((lanes, layout.records.numbers)),
             np.zeros(lanes, int),
             np.zeros(lanes, int),
         )
-        row, _ = layout.state.unpack(self.progress.state)
-        own: ContinuationState = layout.own.state.unpack(row)
-        self._begun = layout.begun
-        self._poses = own.q, own.anchor.q, own.descent.q
-        self._origin, self._memories = own.origin, (own.memories, own.anchor.memories)
+        self._layout = layout.start
         self._start(np.arange(lanes), (problems.q, problems.origin, *problems.history), np.zeros(lanes, int))
 
     def put(self, at: Int[np.ndarray, " some"], numbers: Int[np.ndarray, " some"], robots: Rows) -> None:
@@ -122,11 +117,12 @@ class Lanes:
     def _start(self, at: np.ndarray, start: Sequence[np.ndarray], where: Any) -> None:
         """Some lanes from poses, loads and histories (robots, …), of these robots."""
         state, _, load, snaps = self.progress
-        state[at], load[at], snaps[at] = self._begun, 0, 0
+        begun, poses, loads, memories = self._layout
         q, origin, *history = start
-        for pose in self._poses:
-            pose[at] = q[where]
-        self._origin[at] = origin[where]
-        for own in self._memories:
-            for rows, memory in zip(own, history, strict=True):
-                rows[at] = memory[where]
+        state[at], load[at], snaps[at] = begun, 0, 0
+        for place in poses:
+            state[at, place] = q[where]
+        state[at, loads] = origin[where]
+        for places in memories:
+            for place, memory in zip(places, history, strict=True):
+                state[at, place] = memory[where].reshape(len(at), -1)

@@ -10,7 +10,6 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Float
@@ -27,7 +26,7 @@ from exosight.mechanics.term import Memories
 _DEFAULT = SolverOptions()
 
 
-class State(eqx.Module):
+class State(NamedTuple):
     """A batch of robots at rest.
 
     q        (robots, dofs)
@@ -207,5 +206,5 @@ def _needed(structure: Any, kinds: Kinds) -> _Needed:
 def _equilibria(found: Solutions, at: int | slice = slice(None)) -> Equilibria:
     """What was found at some of the loads."""
     history = tuple(rows[:, at] for rows in found.history)
-    names = (name for name in Equilibria.__dataclass_fields__ if name != "history")
+    names = (name for name in Equilibria._fields if name != "history")
     return Equilibria(**{name: getattr(found, name)[:, at] for name in names}, history=history)
