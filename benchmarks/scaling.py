@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks.timing import LANES, evaluation, in_turns, largest_difference, program
+from benchmarks.timing import LANES, evaluation, in_turns, largest_difference, of_solver
 from exosight.app.bench import cpu_name
 from exosight.cpu import cores
 from exosight.exosuit.assembly import Exosuit, assemble
@@ -87,7 +87,7 @@ def of_size(axis: str, size: int) -> dict[str, Any]:
     """First call, evaluation and equilibrium of a robot of this size, in a process that has done nothing."""
     robot, loads = AXES[axis][1](size), LOADS[axis]
     started = time.process_time()
-    made = program(robot)
+    made = of_solver(robot)
     making = time.process_time() - started
     found = drive([robot] * LANES, loads)
     first = time.process_time() - started

@@ -18,7 +18,7 @@ from exosight.mechanics.energy import potential
 from exosight.mechanics.evaluator import Reached, reach, step_fraction
 from exosight.mechanics.known_numbers import known_numbers, with_known
 from exosight.mechanics.metric import Metric
-from exosight.mechanics.path_step import prepare
+from exosight.mechanics.path_step import prepare, program_of
 from exosight.scalar_program import Unrolled, Unsupported, unroll
 
 LANES = 8
@@ -65,6 +65,13 @@ def program(robot: Robot, channels: int = 1) -> Unrolled | None:
         return unroll(function, [leaves, (q, np.zeros(channels), robot.memories, np.zeros(())), q])
     except Unsupported:
         return None
+
+
+def of_solver(robot: Robot, channels: int = 1) -> Unrolled | None:
+    """The program of a whole step of a robot on its path, as the solver makes it."""
+    leaves, structure = jax.tree.flatten(robot)
+    known = known_numbers(structure, [np.asarray(leaf)[None] for leaf in leaves])
+    return program_of(structure, tuple(np.shape(leaf) for leaf in leaves), channels, known)
 
 
 def evaluation(

@@ -188,8 +188,7 @@ def _start(row: Float[np.ndarray, " numbers"], state: Packing) -> Start:
     places: ContinuationState = state.unpack(np.arange(float(state.numbers))[None])
 
     def where(part: Any) -> slice:
-        first = int(np.ravel(part)[0])
-        return slice(first, first + np.size(part))
+        return slice(int(np.min(part)), int(np.max(part)) + 1) if np.size(part) else slice(0, 0)
 
     return Start(
         row,

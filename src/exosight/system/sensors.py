@@ -83,8 +83,11 @@ class PlaceZone(eqx.Module):
 
     def weights(self, place: Float[AnyArray, " forces"]) -> Float[Array, " forces"]:
         """The share of each force that acts on the zone; those of all zones sum to one."""
-        middles = jnp.asarray(self.middles)
-        return jnp.interp(place, middles, jnp.eye(len(middles))[self.number])
+        middles, own = jnp.asarray(self.middles), self.number
+        share = jnp.ones_like(jnp.asarray(place))
+        for other in {max(own - 1, 0), min(own + 1, len(middles) - 1)} - {own}:
+            share = jnp.minimum(share, (place - middles[other]) / (middles[own] - middles[other]))
+        return jnp.maximum(share, 0.0)
 
 
 class ContactForce(eqx.Module):

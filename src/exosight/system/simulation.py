@@ -1,6 +1,5 @@
 """Equilibria of a system under commands: along a path, in time, or each approached straight from rest."""
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -114,8 +113,7 @@ def _relaxing(system: System, commands: Commands, times: Times, state: State | N
         last = jax.tree.map(lambda leaf: leaf[-1:], part)
         state = State(last.q, after[None], last.history)
         found.append(
-            replace(
-                last,
+            last._replace(
                 converged=np.all(part.converged, keepdims=True),
                 snapped=np.any(part.snapped, keepdims=True),
                 tied=np.any(part.tied, keepdims=True),
