@@ -56,8 +56,7 @@ def watched(robots: list[Robot], options: SolverOptions) -> dict[str, np.ndarray
     leaves, structure = jax.tree.flatten(stack(robots))
     leaves = [np.asarray(leaf) for leaf in leaves]
     program = program_of(structure, tuple(leaf.shape[1:] for leaf in leaves), LOADS.shape[1])
-    shape = robots[0].dofs, LOADS.shape[1], tuple(map(np.shape, robots[0].memories))
-    layout = layout_of(*shape)
+    layout = layout_of(robots[0].dofs, LOADS.shape[1], tuple(map(np.shape, robots[0].memories)))
 
     @jax.jit
     def advance(leaves: list[jax.Array], now: Carried) -> tuple[Carried, dict]:

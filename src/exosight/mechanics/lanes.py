@@ -73,7 +73,7 @@ class Lanes:
             np.zeros(lanes, int),
             np.zeros(lanes, int),
         )
-        self._layout = layout.start
+        self._begun = layout.start
         self._start(np.arange(lanes), (problems.q, problems.origin, *problems.history), np.zeros(lanes, int))
 
     def put(self, at: Int[np.ndarray, " some"], numbers: Int[np.ndarray, " some"], robots: Rows) -> None:
@@ -117,7 +117,7 @@ class Lanes:
     def _start(self, at: np.ndarray, start: Sequence[np.ndarray], where: Any) -> None:
         """Some lanes from poses, loads and histories (robots, …), of these robots."""
         state, _, load, snaps = self.progress
-        begun, poses, loads, memories = self._layout
+        begun, poses, loads, memories = self._begun
         q, origin, *history = start
         state[at], load[at], snaps[at] = begun, 0, 0
         for place in poses:

@@ -1,7 +1,7 @@
 """The step of `continuation` on rows of numbers: by XLA, or as a program (`exosight.scalar_program`).
 
 A step has two halves, between which a descent finds how far it may go (`descent.damped`, a loop of unknown
-length). What the second half needs of the first stays in the program's memory.
+length). What the second half needs of the first, a program hands on as one row.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -225,18 +225,16 @@ def program_of(
         return None
     leaves = [np.zeros(shape) for shape in shapes]
     robot: Robot = jax.tree.unflatten(structure, leaves)
-    memories = tuple(map(np.shape, robot.memories))
-    layout = layout_of(robot.dofs, channels, memories)
+    layout = layout_of(robot.dofs, channels, tuple(map(np.shape, robot.memories)))
+    start = begun(robot.dofs, channels, robot.memories, room=1)
     q, load, number = np.zeros(robot.dofs), np.zeros(channels), np.zeros(())
-    matrices = (np.zeros((robot.dofs, robot.dofs)),) * (2 if memories else 1)
-    row = np.zeros(layout.state.numbers)
 
     def function(leaves: list[Array], at: At, found: Damped) -> tuple[tuple, Half, Stepped]:
         robot = jax.tree.unflatten(structure, with_known(structure, known, leaves))
         half, seen = _first_half(robot, Metric.of(robot), potential(robot), layout, at)
         return (), half, _second_half(robot, layout, seen, found)
 
-    at = At(row, number, number, matrices, load, load, number, number, number)
+    at = At(start.row, number, number, start.matrices, load, load, number, number, number)
     try:
         return unroll(function, [leaves, at, Damped(q, number, number, number)])
     except Unsupported:
