@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from exosight.errors import InputError
 from exosight.mechanics import PressureLine, Rod, drive
 from exosight.mechanics.rod import STRAINS
+from exosight.system.build_sensors import ZONES_APART
 from exosight.system.description import Strain
 from exosight.system.observation import Observation, contact_forces, observe_state
 from exosight.system.sensors import PlaceZone, SurfaceForces
@@ -142,9 +143,9 @@ def test_zones_along_a_tube_share_the_whole_force(system: Make, tubes: list) -> 
     assert (np.linalg.norm(found.observation.forces[1], axis=-1) > 1e-3).all()
 
 
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=6, unique=True), st.floats(-0.5, 1.5))
-def test_shares_of_zones_sum_to_one(middles: list[float], place: float) -> None:
-    zones = [PlaceZone(i, np.sort(middles)) for i in range(len(middles))]
+@given(st.lists(st.integers(0, 10**6), min_size=1, max_size=6, unique=True), st.floats(-0.5, 1.5))
+def test_shares_of_zones_sum_to_one(middles: list[int], place: float) -> None:
+    zones = [PlaceZone(i, np.sort(middles) * ZONES_APART) for i in range(len(middles))]
     shares = [float(zone.weights(jnp.array([place]))[0]) for zone in zones]
     assert sum(shares) == pytest.approx(1, abs=1e-12)
     assert min(shares) >= 0

@@ -287,6 +287,7 @@ FAULTS: list[tuple[tuple[str, str], str]] = [
         ),
         (('at = "20 mm"', 'at = "71 mm"'), "sensors.near.at: expected at most 0.07 m, the length of skin"),
         (('at = "20 mm"', 'at = "55 mm"'), "sensors.near.at: expected another place than that of far"),
+        (('at = "20 mm"', 'at = "55.0004 mm"'), "sensors.near.at: expected the very place of far or one at"),
         (
             ('at = "20 mm"', 'body = "tip"'),
             "sensors.near.at: expected a distance along skin, which is a tube",

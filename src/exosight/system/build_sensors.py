@@ -23,6 +23,9 @@ from exosight.system.sensors import (
 from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface, TubeSurface
 from exosight.validation import check_name
 
+# Zones of a tube are at one place or at least this far apart [m]; a share is divided by the distance.
+ZONES_APART = 1e-6
+
 
 def build_sensors(description: Description, surfaces: Mapping[str, Surface]) -> tuple[Sensor, ...]:
     """The sensors in the file's order.
@@ -108,6 +111,11 @@ def _place(description: Description, name: str, table: SensorTable, surface: Tub
         read = (each.type, each.component, each.at)
         if other != name and read == (table.type, table.component, table.at):
             raise InputError(f"at: expected another place than that of {other}, got {table.at:g} m for both")
+        if each.at != table.at and abs((each.at or 0.0) - table.at) < ZONES_APART:
+            raise InputError(
+                f"at: expected the very place of {other} or one at least {ZONES_APART:g} m from it, "
+                f"got {table.at!r} m and {each.at!r} m"
+            )
     middles = sorted({each.at or 0.0 for each in zones.values()})
     return PlaceZone(middles.index(table.at), floats(middles))
 
