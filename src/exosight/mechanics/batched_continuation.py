@@ -9,11 +9,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from exosight.cpu import cores
-from exosight.mechanics.compiled_lanes import Common, Layouts, Progress
+from exosight.mechanics.compiled_lanes import Common
 from exosight.mechanics.continuation_records import Records
 from exosight.mechanics.continuation_state import SNAPS, OfLoad, OfSnap
 from exosight.mechanics.equilibrium import SolverOptions
 from exosight.mechanics.lanes import Lanes, Problems, Queue
+from exosight.mechanics.packing import Packing
 from exosight.mechanics.prepared import Settings, prepared
 
 ROOM = 1, 32
@@ -42,22 +43,11 @@ class Snap(NamedTuple):
     taken: float
 
 
-class _Found(NamedTuple):
-    """What compiled code has found: (lanes, loads, …) and (lanes, snaps, …)."""
-
-    loads: OfLoad
-    snaps: OfSnap
-    jacobians: Float[np.ndarray, "lanes loads dofs dofs"]
-
-    @staticmethod
-    def of(layout: Layouts, progress: Progress) -> "_Found":
-        rows: Records = layout.records.unpack(np.asarray(progress.records))
-        loads, snaps = layout.own.of_load.unpack(rows.loads), layout.own.of_snap.unpack(rows.snaps)
-        return _Found(loads, snaps, np.asarray(rows.jacobians))
-
-
 class Solutions(NamedTuple):
-    """What was found, of shape (robots, loads, …); see `Equilibria`. `load`: where each robot was [N]."""
+    """What was found, of shape (robots, loads, …); see `Equilibria`. `load`: where each robot was [N].
+
+    supplied, dissipated   until all robots are finished, of each load alone
+    """
 
     q: Float[np.ndarray, "robots loads dofs"]
     load: Float[np.ndarray, "robots loads channels"]
@@ -72,6 +62,9 @@ class Solutions(NamedTuple):
     iterations: Int[np.ndarray, "robots loads"]
     history: tuple[Float[np.ndarray, "robots loads ..."], ...]
     snaps: list[list[Snap]]
+
+
+_AS_RECORDED = tuple(name for name in OfLoad._fields if name != "memories")
 
 
 @runtime_checkable
@@ -124,14 +117,16 @@ def solve(
     workers = min(cores(), -(-robots // lanes)) if on_cpu else 1
     if workers == 1:
         work()
-        return found
-    with ThreadPoolExecutor(max_workers=workers) as pool:
-        try:
-            for future in [pool.submit(work) for _ in range(workers)]:
-                future.result()
-        except BaseException:  # Ctrl-C too: the pool waits for its threads, which need not finish
-            queue.stopped = True
-            raise
+    else:
+        with ThreadPoolExecutor(max_workers=workers) as pool:
+            try:
+                for future in [pool.submit(work) for _ in range(workers)]:
+                    future.result()
+            except BaseException:  # Ctrl-C too: the pool waits for its threads, which need not finish
+                queue.stopped = True
+                raise
+    for of_each in (found.supplied, found.dissipated):
+        np.cumsum(of_each, axis=1, out=of_each)
     return found
 
 
@@ -178,12 +173,15 @@ def _fill_lanes(
         snaps = np.minimum(progress.snaps, SNAPS)
         told = (arrived | (snaps >= SNAPS)) & (lane.number >= 0)
         progress.snaps[told] = 0
-        found_there = _Found.of(code.layout, progress)
-        _keep_snaps(found, found_there.snaps, lane, np.flatnonzero(told & (snaps > 0)), snaps)
+        records: Records = code.layout.records.unpack(np.asarray(progress.records))
+        told &= snaps > 0
+        if told.any():
+            there = code.layout.own.of_snap.unpack(records.snaps)
+            _keep_snaps(found, there, lane, np.flatnonzero(told), snaps)
         at = np.flatnonzero(arrived)
         if not len(at):
             continue
-        _keep(found, found_there, lane, at, options.eigenvalues)
+        _keep(found, records, code.layout.own.of_load, lane, at, options.eigenvalues)
         over = lane.first[at] + lane.total[at] == loads
         for number in lane.number[at[over]].tolist():
             finished(number)
@@ -223,29 +221,29 @@ def _nothing(problems: Problems) -> Solutions:
 
 
 def _keep(
-    found: Solutions, there: _Found, lane: Lanes, at: Int[np.ndarray, " some"], eigenvalues: bool
+    found: Solutions,
+    records: Records,
+    of_load: Packing,
+    lane: Lanes,
+    at: Int[np.ndarray, " some"],
+    eigenvalues: bool,
 ) -> None:
     """What some lanes found at their loads; λ of ∇²Π v = λ M v from the whitened Hessian."""
     first, count = lane.first[at], lane.total[at]
     which = np.repeat(np.arange(len(at)), count)
-    along = np.concatenate([np.arange(n) for n in count])
+    along = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
     source, into = (at[which], along), (lane.number[at][which], first[which] + along)
-    records = there.loads
-    for name in ("q", "load", "residual", "snapped", "tied", "energy", "iterations"):
-        getattr(found, name)[into] = getattr(records, name)[source]
-    for name in ("supplied", "dissipated"):
-        rows = getattr(found, name)
-        before = np.where(first > 0, rows[lane.number[at], first - 1], 0.0)
-        so_far = before[:, None] + np.cumsum(getattr(records, name)[at], axis=1)
-        rows[into] = so_far[which, along]
-    for rows, remembered in zip(found.history, records.memories, strict=True):
-        rows[into] = remembered[source]
-    found.converged[into] = records.converged[source]
+    there: OfLoad = of_load.unpack(records.loads[source])
+    for rows, values in (
+        *((getattr(found, name), getattr(there, name)) for name in _AS_RECORDED),
+        *zip(found.history, there.memories, strict=True),
+    ):
+        rows[into] = values
     if not eigenvalues:
         found.min_eigenvalue[into] = np.nan
         return
     whitener = lane.given.robots.whitener[at[which]]
-    whitened = np.asarray(whitener @ there.jacobians[source] @ np.swapaxes(whitener, 1, 2))
+    whitened = np.asarray(whitener @ records.jacobians[source] @ np.swapaxes(whitener, 1, 2))
     eigenvalue = _smallest_eigenvalues(whitened)
     found.min_eigenvalue[into] = eigenvalue
     found.converged[into] &= eigenvalue > 0
