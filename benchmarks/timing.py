@@ -19,7 +19,7 @@ from exosight.mechanics.evaluator import Reached, reach, step_fraction
 from exosight.mechanics.known_numbers import known_numbers, with_known
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.path_step import prepare, program_of
-from exosight.scalar_program import Unrolled, Unsupported, unroll
+from exosight.scalar_program import Held, Unrolled, Unsupported, unroll
 
 LANES = 8
 """Poses of one evaluation: as many as the solver's."""
@@ -92,7 +92,7 @@ def evaluation(
         if made is None:
             reached, _ = reach(robot, metric, potential(robot), *at)
         else:
-            reached, _ = made(1, design, at)
+            reached, _ = made(1, Held.of(design), at)
         return jax.tree.leaves(reached.here)
 
     options = {"xla_cpu_multi_thread_eigen": False}

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from exosight.scalar_program import Unsupported, call_unrolled, unroll
+from exosight.scalar_program import Held, Unsupported, call_unrolled, unroll
 from exosight.scalar_program.conditional import arrange
 from exosight.scalar_program.graph import Graph
 from exosight.scalar_program.operations import DOTS, Op
@@ -146,7 +146,7 @@ def test_what_the_first_arguments_decide_is_computed_once() -> None:
     staged = unroll(lambda a, b: ((), jnp.sin(a @ a @ a) @ b), [a, b])
     together = unroll(lambda ab: (jnp.sin(ab[0] @ ab[0] @ ab[0]) @ ab[1],), [(a, b)])
     assert len(staged.stages[1].code) < 0.2 * len(together.stages[0].code)
-    assert len(staged.stages[0].outputs) == 36  # the matrix is all that is handed on
+    assert len(staged.stages[0].handing) == 36  # the matrix is all that is handed on
 
 
 @pytest.mark.parametrize("divisor", [3, 49])  # 49 times the nearest number to 1/49 is less than 1
@@ -243,12 +243,13 @@ def test_what_a_later_stage_is_handed_may_have_been_skipped(shifts: list[float],
     program = unroll(lambda _, x, step: reaching(x, step), [np.zeros(1), x[0], steps[0]])
 
     def pose(x: jax.Array) -> tuple:
-        return program(1, program(0, None, jnp.zeros(1))[1], x)
+        now, held = program(1, program(0, None, jnp.zeros(1))[1], x)
+        return now, held.row
 
     jax.vmap(pose)(np.full_like(x, np.nan))
     now, handed = jax.vmap(pose)(x)
     order = np.array(random.sample(range(16), 16))
-    ahead, _ = jax.vmap(lambda handed, step: program(2, handed, step))(handed[order], steps[order])
+    ahead, _ = jax.vmap(lambda handed, step: program(2, Held.of(handed), step))(handed[order], steps[order])
     _, expected, after = jax.vmap(reaching)(x, steps)
     np.testing.assert_allclose(now, expected, rtol=1e-12, atol=1e-12)
     for ours, theirs in zip(ahead, after, strict=True):

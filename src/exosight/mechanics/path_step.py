@@ -1,7 +1,7 @@
 """The step of `continuation` on rows of numbers: by XLA, or as a program (`exosight.scalar_program`).
 
 A step has two halves, between which a descent finds how far it may go (`descent.damped`, a loop of unknown
-length). What the second half needs of the first, a program hands on as one row.
+length). What the second half needs of the first, a program leaves in its memory.
 """
 
 from collections.abc import Callable, Hashable, Sequence
@@ -26,7 +26,7 @@ from exosight.mechanics.metric import Metric
 from exosight.mechanics.packing import Packing
 from exosight.mechanics.robot import Robot
 from exosight.mechanics.term import Memories
-from exosight.scalar_program import Unrolled, Unsupported, call_unrolled, unroll
+from exosight.scalar_program import Held, Unrolled, Unsupported, call_unrolled, unroll
 
 Matrices = tuple[Float[AnyArray, "dofs dofs"], ...]
 """∂∇Π/∂q: the Hessian, and of robots with a memory the coupling."""
@@ -173,7 +173,7 @@ def stepper(
         second: Any = partial(_second_half, robot, layout)
         attempted: Callable[..., tuple] = attempt
     else:
-        first = partial(program, 1, design)
+        first = partial(program, 1, Held.of(design))
         second = partial(_second_half_of, program)
         attempted = partial(call_unrolled, attempt)
 
@@ -198,8 +198,8 @@ def stepper(
     return step
 
 
-def _second_half_of(program: Unrolled, handed: AnyArray, found: Damped) -> Stepped:
-    return program(2, handed, found)[0]
+def _second_half_of(program: Unrolled, before: Held, found: Damped) -> Stepped:
+    return program(2, before, found)[0]
 
 
 def _chosen(first: AnyArray, one: Matrices, other: Matrices) -> Matrices:
@@ -208,7 +208,7 @@ def _chosen(first: AnyArray, one: Matrices, other: Matrices) -> Matrices:
 
 def prepare(program: Unrolled | None, robot: Robot) -> Float[Array, " handed"]:
     """What a program of its structure computes of the robot alone; nothing without a program."""
-    return jnp.asarray([] if program is None else program(0, None, jax.tree.leaves(robot))[1])
+    return jnp.zeros(0) if program is None else program(0, None, jax.tree.leaves(robot))[1].row
 
 
 @lru_cache(maxsize=64)

@@ -5,8 +5,8 @@ The function itself stays the only source: its jaxpr is unrolled (`tracing`) to 
 (`program`) for a small interpreter (`interpreter`).
 """
 
-from exosight.scalar_program.function import Unrolled, call_unrolled, unroll
+from exosight.scalar_program.function import Held, Unrolled, call_unrolled, unroll
 from exosight.scalar_program.graph import Unsupported
 from exosight.scalar_program.interpreter import obstacle
 
-__all__ = ["Unrolled", "Unsupported", "call_unrolled", "obstacle", "unroll"]
+__all__ = ["Held", "Unrolled", "Unsupported", "call_unrolled", "obstacle", "unroll"]

@@ -86,7 +86,7 @@ def _decoded(content: bytes) -> list[Program]:
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         count = len(arrays.files) // len(Program._fields)
         rows = [[arrays[f"{name}{i}"] for name in Program._fields] for i in range(count)]
-    return [Program(code, outputs, constants, int(slots)) for code, outputs, constants, slots in rows]
+    return [Program(*numbers, slots=int(slots)) for *numbers, slots in rows]
 
 
 def source_hash(of: bytes = b"") -> str:

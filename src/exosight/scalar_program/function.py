@@ -5,12 +5,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Integer
 
 from exosight.arrays import AnyArray
 from exosight.scalar_program import interpreter
@@ -20,6 +20,33 @@ from exosight.scalar_program.program import Program, Stage, programs
 from exosight.scalar_program.tracing import values_of
 
 
+class Held(NamedTuple):
+    """What a program has left in its memory for the next one: the numbers in these slots.
+
+    The layout of the memory is the interpreter's own, so robots in lanes cannot be told apart there; as a row
+    of numbers, it can be kept, and put into another lane.
+    """
+
+    memory: Float[AnyArray, " memory"]
+    slots: Integer[np.ndarray, " numbers"]
+
+    @classmethod
+    def of(cls, row: Float[AnyArray, " numbers"]) -> "Held":
+        """A row of numbers, put into memory."""
+        count = len(row)
+        nothing = np.zeros(0, np.int32)
+        program = Program(np.zeros(0, np.uint16), nothing, nothing, np.zeros(0), slots=count)
+        return cls(_run(program, None, row)[1], np.arange(count, dtype=np.int32))
+
+    @property
+    def row(self) -> Float[Array, " numbers"]:
+        """The numbers."""
+        count = len(self.slots)
+        every = np.arange(count, dtype=np.int32)
+        program = Program(np.zeros(0, np.uint16), every, every, np.zeros(0), slots=count)
+        return _run(program, self, jnp.zeros(0))[0]
+
+
 @dataclass(frozen=True, eq=False)
 class Unrolled:
     """Programs of the stages of a function, with the shapes of their results."""
@@ -27,30 +54,36 @@ class Unrolled:
     stages: tuple[Program, ...]
     results: tuple[Any, ...]
 
-    def __call__(
-        self, stage: int, handed: Float[AnyArray, " handed"] | None, arguments: Any
-    ) -> tuple[Any, Float[AnyArray, " handing"]]:
-        """The results of a stage, and what it hands on.
+    def __call__(self, stage: int, before: Held | None, arguments: Any) -> tuple[Any, Held]:
+        """The results of a stage, and what it leaves for the next.
 
-        handed      what the stage before handed on; none for the first
+        before      what the stage before left; none for the first
         arguments   the stage's own
         """
-        program, shapes = self.stages[stage], self.results[stage]
+        program = self.stages[stage]
         flat = jnp.concatenate([jnp.reshape(x, -1) for x in jax.tree.leaves(arguments)])
-        given = [flat] if handed is None else [handed, flat]
-        kinds = [
-            jax.ShapeDtypeStruct((size,), np.float64)
-            for size in (len(program.outputs), interpreter.memory(program.slots))
-        ]
-        target = interpreter.TARGETS[8 * program.code.dtype.itemsize]
-        call = jax.ffi.ffi_call(target, kinds, vmap_method="expand_dims")
-        values, _ = call(program.code, program.outputs, program.constants, *given)
-        leaves, structure = jax.tree.flatten(shapes)
+        values, memory = _run(program, before, flat)
+        leaves, structure = jax.tree.flatten(self.results[stage])
         parts, at = [], 0
         for leaf in leaves:
             parts.append(values[at : at + leaf.size].reshape(leaf.shape).astype(leaf.dtype))
             at += leaf.size
-        return jax.tree.unflatten(structure, parts), values[at:]
+        return jax.tree.unflatten(structure, parts), Held(memory, program.handing)
+
+
+def _run(
+    program: Program, before: Held | None, arguments: Float[AnyArray, " arguments"]
+) -> tuple[Float[Array, " results"], Float[Array, " memory"]]:
+    """Results and memory of a program."""
+    kinds = [
+        jax.ShapeDtypeStruct((size,), np.float64)
+        for size in (len(program.outputs), interpreter.memory(program.slots))
+    ]
+    memory, taken = (np.zeros(1), np.zeros(0, np.int32)) if before is None else before
+    target = interpreter.TARGETS[8 * program.code.dtype.itemsize]
+    call = jax.ffi.ffi_call(target, kinds, vmap_method="expand_dims")
+    results, left = call(program.code, program.outputs, program.constants, taken, memory, arguments)
+    return results, left
 
 
 def unroll(function: Callable, arguments: Sequence[Any]) -> Unrolled:

@@ -294,6 +294,9 @@ MAJOR, MINOR = 24, 28  # of the metadata
 DATA, RANK, SIZES = 24, 32, 40  # of a buffer
 VERSION = 0, 3
 
+OWN = 5
+"""Arguments of the interpreter itself, before those of the program."""
+
 
 def _field(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
     return b.load(_at(b, base, offset, kind))
@@ -304,9 +307,11 @@ def _at(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
 
 
 def _handler(module: ir.Module, name: str, word: ir.IntType) -> None:
-    """The function that XLA calls: (code, output slots, constants, arguments …) -> (results, memory).
+    """The function that XLA calls: (code, output slots, constants, slots to take over, the memory of the
+    program run before, which has them, arguments …) -> (results, memory).
 
-    The arguments have shape (…, values) of any leading sizes, or one sample for all.
+    Arguments and memory have shape (…, values) of any leading sizes, or one sample for all. Memory begins
+    with the place of its first slot, aligned for vectors; each block of samples has slots of its own.
     """
     function = ir.Function(module, ir.FunctionType(POINTER, [POINTER]), name)
     frame = function.args[0]
@@ -333,22 +338,25 @@ def _handler(module: ir.Module, name: str, word: ir.IntType) -> None:
 
 def _blocks(b: Builder, frame: Value, run: Value) -> None:
     """Run the program on all samples, as many at a time as its slots have lanes."""
-    code, outputs, constants = (_buffer(b, frame, ARGUMENTS, LONG(i)) for i in range(3))
+    code, outputs, constants, taken, before = (_buffer(b, frame, ARGUMENTS, LONG(i)) for i in range(OWN))
     result, memory = (_buffer(b, frame, RESULTS, LONG(i)) for i in range(2))
     words, slot = (run.args[i].type for i in (0, 2))
     lanes = slot.pointee.count
     code_start, code_size = b.bitcast(code[0], words), b.mul(code[1], code[2])
-    aligned = b.and_(b.add(b.ptrtoint(memory[0], LONG), LONG(8 * lanes - 1)), LONG(-8 * lanes))
-    slots = b.inttoptr(aligned, slot)
+    start = b.ptrtoint(memory[0], LONG)
+    aligned = b.and_(b.add(start, LONG(8 + 8 * lanes - 1)), LONG(-8 * lanes))
     most = b.sub(result[1], LONG(1))
     with _loop(b, b.sdiv(b.add(result[1], LONG(lanes - 1)), LONG(lanes))) as block:
+        b.store(b.sdiv(b.sub(aligned, start), LONG(8)), b.bitcast(memory[0], LONG.as_pointer()))
         first = b.mul(block, LONG(lanes))
+        slots = b.inttoptr(b.add(aligned, b.mul(b.mul(first, memory[2]), LONG(8))), slot)
         rows = []  # the last block is filled up with its last sample
         for lane in range(lanes):
             row = b.add(first, LONG(lane))
             rows.append(b.select(b.icmp_signed("<", row, most), row, most))
         _load_constants(b, constants, slots)
-        _load_arguments(b, frame, slots, constants[2], rows)
+        _take_over(b, taken, before, first, b.gep(slots, [constants[2]]))
+        _load_arguments(b, frame, slots, b.add(constants[2], taken[2]), rows)
         b.call(run, [code_start, b.gep(code_start, [code_size]), slots])
         _store_results(b, outputs, slots, result, rows)
 
@@ -370,19 +378,47 @@ def _load_constants(b: Builder, constants: tuple[Value, ...], slots: Value) -> N
     numbers = b.bitcast(constants[0], DOUBLE.as_pointer())
     vector = slots.type.pointee
     with _loop(b, constants[2]) as i:
-        number, spread = b.load(b.gep(numbers, [i])), ir.Constant(vector, ir.Undefined)
-        for lane in range(vector.count):
-            spread = b.insert_element(spread, number, WORD(lane))
-        b.store(spread, b.gep(slots, [i]), align=8 * vector.count)
+        b.store(_spread(b, b.load(b.gep(numbers, [i])), vector), b.gep(slots, [i]), align=8 * vector.count)
+
+
+def _spread(b: Builder, number: Value, vector: ir.VectorType) -> Value:
+    """The same number in all lanes."""
+    result = ir.Constant(vector, ir.Undefined)
+    for lane in range(vector.count):
+        result = b.insert_element(result, number, WORD(lane))
+    return result
+
+
+def _take_over(
+    b: Builder, taken: tuple[Value, ...], before: tuple[Value, ...], first: Value, slots: Value
+) -> None:
+    """What another program left in its memory, of the samples from `first` on or of one for all."""
+    vector = slots.type.pointee
+    places = b.bitcast(taken[0], WORD.as_pointer())
+    numbers = b.bitcast(before[0], DOUBLE.as_pointer())
+    start = b.gep(numbers, [b.load(b.bitcast(before[0], LONG.as_pointer()))])
+
+    def copy(read: Callable[[Value], Value]) -> None:
+        with _loop(b, taken[2]) as i:
+            value = read(b.zext(b.load(b.gep(places, [i])), LONG))
+            b.store(value, b.gep(slots, [i]), align=8 * vector.count)
+
+    with b.if_else(b.icmp_signed("<=", before[1], LONG(1))) as (one, several):
+        with one:
+            copy(lambda slot: _spread(b, b.load(b.gep(start, [slot])), vector))
+        with several:
+            own = b.bitcast(b.gep(start, [b.mul(first, before[2])]), vector.as_pointer())
+            # XLA may have moved the memory to where its slots are not aligned.
+            copy(lambda slot: b.load(b.gep(own, [slot]), align=8))
 
 
 def _load_arguments(b: Builder, frame: Value, slots: Value, first: Value, rows: list[Value]) -> None:
-    """Every argument after the first three into the slots from `first` on."""
+    """The arguments of the program into the slots from `first` on."""
     place = _variable(b, LONG)
     b.store(first, place)
-    count = b.sub(_field(b, frame, ARGUMENTS, LONG), LONG(3))
+    count = b.sub(_field(b, frame, ARGUMENTS, LONG), LONG(OWN))
     with _loop(b, count) as number:
-        data, samples, values = _buffer(b, frame, ARGUMENTS, b.add(number, LONG(3)))
+        data, samples, values = _buffer(b, frame, ARGUMENTS, b.add(number, LONG(OWN)))
         stride = b.select(b.icmp_signed("==", samples, LONG(1)), LONG(0), values)
         numbers = b.bitcast(data, DOUBLE.as_pointer())
         starts = [b.gep(numbers, [b.mul(row, stride)]) for row in rows]

@@ -1,8 +1,8 @@
 """A graph as programs for the interpreter: which operations, in which order, on which slots of memory.
 
 A function is called with arguments that change at different rates (a design, its pose, a direction from
-there). Each stage of arguments gets a program of its own, which hands on what the later ones need, so what
-depends on the design alone is computed once.
+there). Each stage of arguments gets a program of its own, which leaves in its memory what the later ones
+need, so what depends on the design alone is computed once.
 """
 
 from collections import Counter
@@ -30,17 +30,20 @@ AT_ONCE = {sums: int(op) for op, sums in DOTS.items()}
 
 
 class Program(NamedTuple):
-    """What the interpreter runs. Slots 0, 1, … hold first the constants, then the arguments.
+    """What the interpreter runs. Slots 0, 1, … hold first the constants, then what it takes from the stage
+    before, then the arguments.
 
     code        runs of equal operations: operation, count, terms (of DOTS or a LOOKUP), then slots of each,
                 results first; before blocks: SKIP, their words (two numbers below 2¹⁶), slot of the condition
     outputs     slots of the results
+    handing     slots of what the next stage takes
     constants   values of the first slots
     slots       how many there are
     """
 
     code: Integer[np.ndarray, " words"]
     outputs: Integer[np.ndarray, " results"]
+    handing: Integer[np.ndarray, " handing"]
     constants: Float[np.ndarray, " constants"]
     slots: int
 
@@ -55,7 +58,7 @@ class Stage(NamedTuple):
 def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
     """A program for each stage, from (what the stage before hands on, its own arguments) to results.
 
-    What it hands on follows its own results; the first stage is handed nothing.
+    The first stage is handed nothing.
     """
     one = graph.constant(1.0)
     op, args = list(graph.op), list(graph.args)
@@ -80,8 +83,8 @@ def programs(graph: Graph, stages: Sequence[Stage]) -> list[Program]:
         stage = stages[number]
         kept = handing | dict.fromkeys(stage.results, frozenset())
         arranged = arrange(op, args, graph.known, own[number], kept, one)
-        results = [*stage.results, *sorted(handing)]
-        made.append(_allocated(graph, op, args, arranged, [*handed[number], *stage.arguments], results))
+        given = [*handed[number], *stage.arguments]
+        made.append(_allocated(graph, op, args, arranged, given, stage.results, sorted(handing)))
         handing = {a: frozenset(c for c in arranged.handed[a] if level[c] < number) for a in handed[number]}
     return made[::-1]
 
@@ -158,17 +161,19 @@ def _allocated(
     arranged: Arranged,
     arguments: Sequence[int],
     results: Sequence[int],
+    handing: Sequence[int],
 ) -> Program:
     """Slots for all values, and the code; a slot is used again once its value is used up."""
     blocks, instead, shared, _ = arranged
     own = [i for block in blocks for i in block.values]
-    used = {a for i in own for a in args[i]} | set(results)
+    kept = {*results, *handing}
+    used = {a for i in own for a in args[i]} | kept
     constants = [a for a in sorted(used) if op[a] == Op.CONSTANT]
     slot = {value: place for place, value in enumerate((*constants, *arguments))}
     asked = {block.values[0]: (block.condition,) for block in blocks if block.condition is not None}
     uses = [{*args[i], *asked.get(i, ())} for i in own]
     last = {a: place for place, operands in enumerate(uses) for a in operands}
-    kept, free, top = set(results), [], len(constants) + len(arguments)
+    free, top = [], len(constants) + len(arguments)
     for place, i in enumerate(own):
         if i in instead:
             slot[i] = slot[instead[i]]
@@ -188,6 +193,7 @@ def _allocated(
     return Program(
         code=np.array(code, dtype=word),
         outputs=np.array([slot[value] for value in results], dtype=np.int32),
+        handing=np.array([slot[value] for value in handing], dtype=np.int32),
         constants=np.array([graph.known[value] for value in constants]),
         slots=top,
     )
