@@ -19,7 +19,7 @@ from exosight.mechanics import Configuration, Robot, SolverOptions, Term, drive,
 from exosight.mechanics.energy import potential
 from exosight.mechanics.evaluator import solve_any, solve_definite, solve_signed
 from exosight.mechanics.path_step import prepare, program_of
-from exosight.scalar_program import call_unrolled, interpreter
+from exosight.scalar_program import Held, call_unrolled, interpreter
 from exosight.system.build import build
 from exosight.system.file import describe, read_system_file
 
@@ -170,7 +170,7 @@ def test_other_processors(
     assert made is not None
 
     def energy(robot: Robot, q: jax.Array) -> jax.Array:
-        return made(1, prepare(made, robot), (q, jnp.ones(1), (), NEVER))[0].here.hessian
+        return made(1, Held.of(prepare(made, robot)), (q, jnp.ones(1), (), NEVER))[0].here.hessian
 
     batch = stack([robot])
     found = jax.jit(jax.vmap(energy))(batch, q[None])

@@ -140,6 +140,24 @@ def test_any_number_of_samples(count: int) -> None:
     np.testing.assert_allclose(found, np.sin(a) @ b, rtol=1e-13, atol=1e-14)
 
 
+@pytest.mark.parametrize("count", [1, 3, 8, 11])
+def test_what_is_held_is_a_row_of_numbers_again(count: int) -> None:
+    """Of any number of samples, of one for all, and of none."""
+    rows = np.random.default_rng(count).normal(size=(count, 5))
+    program = unroll(lambda a, b: ((), a + b), [rows[0], rows[0]])
+
+    def twice(row: jax.Array) -> jax.Array:
+        return Held.of(row).row
+
+    def together(a: jax.Array, b: jax.Array) -> jax.Array:
+        return program(1, Held.of(a), b)[0]
+
+    np.testing.assert_array_equal(jax.vmap(twice)(rows), rows)
+    np.testing.assert_array_equal(jax.vmap(twice)(rows[:, :0]), rows[:, :0])
+    np.testing.assert_array_equal(jax.vmap(together)(rows, rows[::-1]), rows + rows[::-1])
+    np.testing.assert_array_equal(jax.vmap(together, (None, 0))(rows[0], rows), rows[0] + rows)
+
+
 def test_what_the_first_arguments_decide_is_computed_once() -> None:
     """A later stage holds no operation that the arguments before it alone decide."""
     a, b = np.full((6, 6), 0.3), np.full(6, 0.2)

@@ -13,6 +13,7 @@ from exosight.mechanics.energy import potential
 from exosight.mechanics.evaluator import Reached, reach, step_fraction
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.path_step import prepare
+from exosight.scalar_program import Held
 
 SAME = 1e-12
 """Relative to the largest number of its kind: some thousand sums of round-off 1e-16."""
@@ -29,7 +30,7 @@ def both(
     assert made is not None
 
     def by_program(robot: Robot, *at: Any) -> tuple[Reached, Any]:
-        return made(1, prepare(made, robot), at)
+        return made(1, Held.of(prepare(made, robot)), at)
 
     def by_xla(robot: Robot, *at: Any) -> tuple[Reached, Any]:
         return reach(robot, Metric.of(robot), potential(robot), *at)
