@@ -27,8 +27,11 @@ if version("jaxlib").startswith("0.10."):  # a flag that a version does not know
     os.environ.setdefault("XLA_FLAGS", quickly)
 
 # How long an example takes is not what a test asserts, and says little on a busy machine. Every run draws
-# other examples, so that few a run are many in the end.
-hypothesis.settings.register_profile("exosight", deadline=None, max_examples=25)
+# other examples, so that few a run are many in the end; but continuous integration always the same ones, so
+# that what it says of a commit is so again.
+hypothesis.settings.register_profile(
+    "exosight", deadline=None, max_examples=25, derandomize="CI" in os.environ
+)
 hypothesis.settings.load_profile("exosight")
 
 # The hook names compiled files of all that is imported meanwhile as its own: every process compiled 2000
