@@ -173,7 +173,7 @@ def _fill_lanes(
         snaps = np.minimum(progress.snaps, SNAPS)
         told = (arrived | (snaps >= SNAPS)) & (lane.number >= 0)
         progress.snaps[told] = 0
-        records: Records = code.layout.records.unpack(np.asarray(progress.records))
+        records = Records(*map(np.asarray, progress.records))
         told &= snaps > 0
         if told.any():
             there = code.layout.own.of_snap.unpack(records.snaps)
@@ -233,7 +233,8 @@ def _keep(
     which = np.repeat(np.arange(len(at)), count)
     along = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
     source, into = (at[which], along), (lane.number[at][which], first[which] + along)
-    there: OfLoad = of_load.unpack(records.loads[source])
+    rows_there = records.loads[source]
+    there: OfLoad = of_load.unpack(rows_there[:, : of_load.numbers])
     for rows, values in (
         *((getattr(found, name), getattr(there, name)) for name in _AS_RECORDED),
         *zip(found.history, there.memories, strict=True),
@@ -243,7 +244,8 @@ def _keep(
         found.min_eigenvalue[into] = np.nan
         return
     whitener = lane.given.robots.whitener[at[which]]
-    whitened = np.asarray(whitener @ records.jacobians[source] @ np.swapaxes(whitener, 1, 2))
+    jacobian = rows_there[:, of_load.numbers :].reshape(whitener.shape)
+    whitened = np.asarray(whitener @ jacobian @ np.swapaxes(whitener, 1, 2))
     eigenvalue = _smallest_eigenvalues(whitened)
     found.min_eigenvalue[into] = eigenvalue
     found.converged[into] &= eigenvalue > 0

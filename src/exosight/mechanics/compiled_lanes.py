@@ -12,6 +12,7 @@ from jax.scipy.linalg import solve_triangular
 from jaxtyping import Array, Float, Int
 
 from exosight.arrays import AnyArray
+from exosight.mechanics.continuation_records import Records
 from exosight.mechanics.continuation_state import SNAPS, ContinuationState
 from exosight.mechanics.metric import Metric
 from exosight.mechanics.packing import Packing
@@ -76,13 +77,13 @@ class Progress(NamedTuple):
     """Where the robots in the lanes are: what compiled code gives back, and goes on from.
 
     state     (lanes, numbers)  a row of the state, then its matrices, see `Carried`
-    records   (lanes, numbers)  `Records`
+    records   (lanes, …)        what was found
     load      (lanes,)          index of the load that each is on the way to
     snaps     (lanes,)          how many are in the records
     """
 
     state: Float[AnyArray, "lanes numbers"]
-    records: Float[AnyArray, "lanes numbers"]
+    records: Records
     load: Int[AnyArray, " lanes"]
     snaps: Int[AnyArray, " lanes"]
 
@@ -97,14 +98,17 @@ class Start(NamedTuple):
 
 
 class Layouts(NamedTuple):
-    """How each of these lies in rows; `own`: the rows within, `start`: the state of one that begins."""
+    """How each of these lies in rows; `own`: the rows within, `start`: the state of one that begins.
+
+    records   of one that has found nothing
+    """
 
     robots: Packing
     given: Packing
     state: Packing
-    records: Packing
     own: Layout
     start: Start
+    records: Records
 
 
 class Compiled(NamedTuple):
@@ -154,11 +158,10 @@ def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
                 return (arrived < enough) & (full == 0)
 
             state, matrices = layout.state.unpack(before.state)
-            records = layout.records.unpack(before.records)
-            start = Carried(state, before.load, before.snaps, matrices, records)
+            start = Carried(state, before.load, before.snaps, matrices, before.records)
             now = jax.lax.while_loop(going, step, start)
             state = layout.state.pack((now.row, now.matrices))
-            return Progress(state, layout.records.pack(now.records), now.load, now.snaps)
+            return Progress(state, now.records, now.load, now.snaps)
 
         return jax.vmap(one, axis_name="lanes")(rows, progress)
 
@@ -174,13 +177,14 @@ def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
 def _layouts(common: Common, robot: Robots, room: int) -> Layouts:
     memories = tuple(map(np.zeros, common.memories))
     start = begun(common.dofs, common.channels, memories, room)
-    place, records = (start.row, start.matrices), start.records
+    place = start.row, start.matrices
     given = Given(robot, np.zeros((room, common.channels)), np.zeros(()))
     own = layout_of(common.dofs, common.channels, common.memories)
     return Layouts(
-        *map(Packing, (robot, given, place, records)),
+        *map(Packing, (robot, given, place)),
         own=own,
         start=_start(np.asarray(Packing(place).pack(place)), own.state),
+        records=start.records,
     )
 
 

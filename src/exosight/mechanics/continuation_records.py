@@ -56,20 +56,22 @@ def entry_of(
 
 
 class Records(NamedTuple):
-    """Rows of `OfLoad` and `OfSnap`, see `Packing`, and ∂∇Π/∂q at each load."""
+    """Rows of `OfLoad`, each with ∂∇Π/∂q there, and of `OfSnap`, see `Packing`.
 
-    loads: Float[AnyArray, "*robots loads numbers"]
-    snaps: Float[AnyArray, "*robots snaps numbers"]
-    jacobians: Float[AnyArray, "*robots loads dofs dofs"]
+    A last row of both holds what is not wanted: without a choice whether to write, nothing has to be read.
+    """
+
+    loads: Float[AnyArray, "*robots loads+1 numbers"]
+    snaps: Float[AnyArray, "*robots snaps+1 numbers"]
 
 
 def put(
-    rows: Float[AnyArray, "places ..."],
+    rows: Float[AnyArray, "places numbers"],
     at: Int[AnyArray, ""],
     wanted: Bool[AnyArray, ""],
-    value: Float[AnyArray, "..."],
-) -> Float[Array, "places ..."]:
-    """The rows with a value in one place, the last if there are not so many, if it is wanted."""
-    at = jnp.minimum(at, len(rows) - 1)
-    before = jax.lax.dynamic_index_in_dim(rows, at, keepdims=False)
-    return jax.lax.dynamic_update_index_in_dim(rows, jnp.where(wanted, value, before), at, 0)
+    *values: Float[AnyArray, " some"],
+) -> Float[Array, "places numbers"]:
+    """The rows with values, one after the other, in one of them; in the last if they are not wanted."""
+    last = len(rows) - 1
+    at = jnp.where(wanted, jnp.minimum(at, last), last)
+    return jax.lax.dynamic_update_index_in_dim(rows, jnp.concatenate(values), at, 0)

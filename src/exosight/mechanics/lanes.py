@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from exosight.mechanics.compiled_lanes import Compiled, Given, Progress, Rows
+from exosight.mechanics.continuation_records import Records
 from exosight.mechanics.prepared import Prepared
 
 
@@ -69,7 +70,7 @@ class Lanes:
         self._robots[:] = robots[0]
         self.progress = Progress(
             np.zeros((lanes, layout.state.numbers)),
-            np.zeros((lanes, layout.records.numbers)),
+            Records(*(np.zeros((lanes, *rows.shape)) for rows in layout.records)),
             np.zeros(lanes, int),
             np.zeros(lanes, int),
         )

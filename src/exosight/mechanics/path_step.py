@@ -77,9 +77,8 @@ def begun(dofs: int, channels: int, memories: Memories, room: int) -> Carried:
     state = begin(np.zeros(dofs), np.zeros(channels), memories)
     matrix = np.zeros((dofs, dofs))
     records = Records(
-        np.zeros((room, layout.of_load.numbers)),
-        np.zeros((SNAPS, layout.of_snap.numbers)),
-        np.zeros((room, dofs, dofs)),
+        np.zeros((room + 1, layout.of_load.numbers + dofs**2)),
+        np.zeros((SNAPS + 1, layout.of_snap.numbers)),
     )
     none = np.zeros((), int)
     return Carried(
@@ -189,9 +188,8 @@ def stepper(
         hessian, *coupling = _chosen(half.descending, kept, half.matrices)
         jacobian = sum(coupling, start=hessian)
         records = Records(
-            put(now.records.loads, now.load, stepped.done, stepped.of_load),
+            put(now.records.loads, now.load, stepped.done, stepped.of_load, jnp.ravel(jacobian)),
             put(now.records.snaps, now.snaps, stepped.jumped, stepped.of_snap),
-            put(now.records.jacobians, now.load, stepped.done, jacobian),
         )
         return Carried(stepped.row, stepped.load, stepped.snaps, kept, records)
 
