@@ -69,7 +69,7 @@ def put(
     rows: Float[AnyArray, "places numbers"],
     at: Int[AnyArray, ""],
     wanted: Bool[AnyArray, ""],
-    *values: Float[AnyArray, " some"],
+    *values: Float[AnyArray, " _"],
 ) -> Float[Array, "places numbers"]:
     """The rows with values, one after the other, in one of them; in the last if they are not wanted."""
     last = len(rows) - 1
