@@ -72,6 +72,5 @@ def put(
     *values: Float[AnyArray, " _"],
 ) -> Float[Array, "places numbers"]:
     """The rows with values, one after the other, in one of them; in the last if they are not wanted."""
-    last = len(rows) - 1
-    at = jnp.where(wanted, jnp.minimum(at, last), last)
+    at = jnp.where(wanted, at, len(rows) - 1)
     return jax.lax.dynamic_update_index_in_dim(rows, jnp.concatenate(values), at, 0)

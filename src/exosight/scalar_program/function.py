@@ -33,18 +33,14 @@ class Held(NamedTuple):
     @classmethod
     def of(cls, row: Float[AnyArray, " numbers"]) -> "Held":
         """A row of numbers, put into memory."""
-        count = len(row)
-        nothing = np.zeros(0, np.int32)
-        program = Program(np.zeros(0, np.uint16), nothing, nothing, np.zeros(0), slots=count)
-        return cls(_run(program, None, row)[1], np.arange(count, dtype=np.int32))
+        places = np.arange(len(row), dtype=np.int32)
+        return cls(_run(_without_operations(len(row), places[:0]), None, row)[1], places)
 
     @property
     def row(self) -> Float[Array, " numbers"]:
         """The numbers."""
-        count = len(self.slots)
-        every = np.arange(count, dtype=np.int32)
-        program = Program(np.zeros(0, np.uint16), every, every, np.zeros(0), slots=count)
-        return _run(program, self, jnp.zeros(0))[0]
+        places = np.arange(len(self.slots), dtype=np.int32)
+        return _run(_without_operations(len(places), places), self, jnp.zeros(0))[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +65,11 @@ class Unrolled:
             parts.append(values[at : at + leaf.size].reshape(leaf.shape).astype(leaf.dtype))
             at += leaf.size
         return jax.tree.unflatten(structure, parts), Held(memory, program.handing)
+
+
+def _without_operations(slots: int, outputs: Integer[np.ndarray, " results"]) -> Program:
+    """A program that moves numbers alone."""
+    return Program(np.zeros(0, np.uint16), outputs, outputs[:0], np.zeros(0), slots)
 
 
 def _run(

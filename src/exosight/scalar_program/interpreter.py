@@ -294,9 +294,6 @@ MAJOR, MINOR = 24, 28  # of the metadata
 DATA, RANK, SIZES = 24, 32, 40  # of a buffer
 VERSION = 0, 3
 
-OWN = 5
-"""Arguments of the interpreter itself, before those of the program."""
-
 
 def _field(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
     return b.load(_at(b, base, offset, kind))
@@ -308,7 +305,7 @@ def _at(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
 
 def _handler(module: ir.Module, name: str, word: ir.IntType) -> None:
     """The function that XLA calls: (code, output slots, constants, slots to take over, the memory of the
-    program run before, which has them, arguments …) -> (results, memory).
+    program run before, which has them, arguments) -> (results, memory).
 
     Arguments and memory have shape (…, values) of any leading sizes, or one sample for all. Memory begins
     with the place of its first slot, aligned for vectors; each block of samples has slots of its own.
@@ -327,7 +324,7 @@ def _handler(module: ir.Module, name: str, word: ir.IntType) -> None:
     b.ret(null)
 
     b.position_at_end(work)
-    samples = _buffer(b, frame, RESULTS, LONG(0))[1]
+    samples = _buffer(b, frame, RESULTS, 0)[1]
     one, several = b.append_basic_block("one"), b.append_basic_block("several")
     b.cbranch(b.icmp_signed("<=", samples, LONG(1)), one, several)
     for block, lanes in ((one, 1), (several, LANES)):
@@ -338,8 +335,8 @@ def _handler(module: ir.Module, name: str, word: ir.IntType) -> None:
 
 def _blocks(b: Builder, frame: Value, run: Value) -> None:
     """Run the program on all samples, as many at a time as its slots have lanes."""
-    code, outputs, constants, taken, before = (_buffer(b, frame, ARGUMENTS, LONG(i)) for i in range(OWN))
-    result, memory = (_buffer(b, frame, RESULTS, LONG(i)) for i in range(2))
+    code, outputs, constants, taken, before, given = (_buffer(b, frame, ARGUMENTS, i) for i in range(6))
+    result, memory = (_buffer(b, frame, RESULTS, i) for i in range(2))
     words, slot = (run.args[i].type for i in (0, 2))
     lanes = slot.pointee.count
     code_start, code_size = b.bitcast(code[0], words), b.mul(code[1], code[2])
@@ -356,15 +353,15 @@ def _blocks(b: Builder, frame: Value, run: Value) -> None:
             rows.append(b.select(b.icmp_signed("<", row, most), row, most))
         _load_constants(b, constants, slots)
         _take_over(b, taken, before, first, b.gep(slots, [constants[2]]))
-        _load_arguments(b, frame, slots, b.add(constants[2], taken[2]), rows)
+        _load_arguments(b, given, b.gep(slots, [b.add(constants[2], taken[2])]), rows)
         b.call(run, [code_start, b.gep(code_start, [code_size]), slots])
         _store_results(b, outputs, slots, result, rows)
 
 
-def _buffer(b: Builder, frame: Value, where: int, number: Value) -> tuple[Value, ...]:
+def _buffer(b: Builder, frame: Value, where: int, number: int) -> tuple[Value, ...]:
     """Data, samples and values a sample of a buffer."""
     buffers = _field(b, frame, where + 16, POINTER.as_pointer())
-    buffer = b.load(b.gep(buffers, [number]))
+    buffer = b.load(b.gep(buffers, [LONG(number)]))
     sizes = _field(b, buffer, SIZES, LONG.as_pointer())
     leading = b.sub(_field(b, buffer, RANK, LONG), LONG(1))
     total = _variable(b, LONG)
@@ -412,23 +409,17 @@ def _take_over(
             copy(lambda slot: b.load(b.gep(own, [slot]), align=8))
 
 
-def _load_arguments(b: Builder, frame: Value, slots: Value, first: Value, rows: list[Value]) -> None:
-    """The arguments of the program into the slots from `first` on."""
-    place = _variable(b, LONG)
-    b.store(first, place)
-    count = b.sub(_field(b, frame, ARGUMENTS, LONG), LONG(OWN))
-    with _loop(b, count) as number:
-        data, samples, values = _buffer(b, frame, ARGUMENTS, b.add(number, LONG(OWN)))
-        stride = b.select(b.icmp_signed("==", samples, LONG(1)), LONG(0), values)
-        numbers = b.bitcast(data, DOUBLE.as_pointer())
-        starts = [b.gep(numbers, [b.mul(row, stride)]) for row in rows]
-        into = b.gep(slots, [b.load(place)])
-        with _loop(b, values) as i:
-            vector = ir.Constant(slots.type.pointee, ir.Undefined)
-            for lane, start in enumerate(starts):
-                vector = b.insert_element(vector, b.load(b.gep(start, [i])), WORD(lane))
-            b.store(vector, b.gep(into, [i]), align=8 * len(rows))
-        b.store(b.add(b.load(place), values), place)
+def _load_arguments(b: Builder, given: tuple[Value, ...], slots: Value, rows: list[Value]) -> None:
+    """The arguments of each sample, or those of one for all."""
+    data, samples, values = given
+    stride = b.select(b.icmp_signed("<=", samples, LONG(1)), LONG(0), values)
+    numbers = b.bitcast(data, DOUBLE.as_pointer())
+    starts = [b.gep(numbers, [b.mul(row, stride)]) for row in rows]
+    with _loop(b, values) as i:
+        vector = ir.Constant(slots.type.pointee, ir.Undefined)
+        for lane, start in enumerate(starts):
+            vector = b.insert_element(vector, b.load(b.gep(start, [i])), WORD(lane))
+        b.store(vector, b.gep(slots, [i]), align=8 * len(rows))
 
 
 def _store_results(
@@ -449,5 +440,5 @@ def _store_results(
 
 
 def memory(slots: int) -> int:
-    """Numbers of memory that a program of so many slots needs."""
+    """Numbers of memory that a program of so many slots needs, with those before the first one."""
     return (slots + 1) * LANES
