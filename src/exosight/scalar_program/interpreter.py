@@ -2,15 +2,14 @@
 
 It is a loop of a few hundred instructions, made by LLVM (through llvmlite, which comes with Numba) for the
 processor at hand within a second: no compiler is needed, and no binary is shipped. XLA calls it
-through its foreign function interface, so the programs run inside compiled loops, without Python's lock.
-Structures of that interface: xla/ffi/api/c_api.h, version 0.3.
+through its foreign function interface (`xla_call`), so the programs run inside compiled loops, without
+Python's lock.
 """
 
 import ctypes
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any, TypeAlias
+from typing import Any
 
 import jax
 import llvmlite
@@ -18,18 +17,13 @@ import llvmlite.binding as llvm
 from llvmlite import ir
 
 from exosight.scalar_program.cache import kept_bytes, source_hash
+from exosight.scalar_program.machine_code import DOUBLE, LONG, WORD, Builder, Value, loop, variable
 from exosight.scalar_program.operations import DOTS, LIBRARY, Op
+from exosight.scalar_program.xla_call import define_call
 
 LANES = 8
 """Samples side by side: one vector register of AVX-512, two of AVX2, four of SSE or NEON. A single sample has
 no others to wait for, and moves an eighth of the memory."""
-
-Builder: TypeAlias = Any
-Value: TypeAlias = Any
-"""llvmlite's types of its own objects are too wide to check calls by."""
-
-WORD, LONG = ir.IntType(32), ir.IntType(64)
-DOUBLE, POINTER = ir.DoubleType(), ir.IntType(8).as_pointer()
 
 COMPARE = {Op.LT: "<", Op.LE: "<=", Op.GT: ">", Op.GE: ">=", Op.EQ: "==", Op.NE: "!="}
 
@@ -84,7 +78,8 @@ def _machine_code(machine: Any, targets: Mapping[int, str]) -> bytes:
     module = ir.Module("scalar_program")
     module.triple, module.data_layout = machine.triple, str(machine.target_data)
     for bits, name in targets.items():
-        _handler(module, name, ir.IntType(bits))
+        word = ir.IntType(bits)
+        define_call(module, name, _run(module, word, 1), _run(module, word, LANES))
     parsed = llvm.parse_assembly(str(module))
     parsed.verify()
     # More, or unrolled loops, take LLVM three times as long and make programs no faster.
@@ -96,29 +91,6 @@ def _machine_code(machine: Any, targets: Mapping[int, str]) -> bytes:
     return machine.emit_object(parsed)
 
 
-def _variable(b: Builder, kind: ir.Type) -> Value:
-    """A place for a value that changes, in the function's first block: made once, kept in a register."""
-    with b.goto_entry_block():
-        return b.alloca(kind)
-
-
-@contextmanager
-def _loop(b: Builder, count: Value) -> Iterator[Value]:
-    """A loop over 0, 1, … count − 1; yields the index."""
-    start, head = b.block, b.append_basic_block("head")
-    body, done = b.append_basic_block("body"), b.append_basic_block("done")
-    b.branch(head)
-    b.position_at_end(head)
-    index = b.phi(LONG)
-    index.add_incoming(LONG(0), start)
-    b.cbranch(b.icmp_signed("<", index, count), body, done)
-    b.position_at_end(body)
-    yield index
-    index.add_incoming(b.add(index, LONG(1)), b.block)
-    b.branch(head)
-    b.position_at_end(done)
-
-
 def _run(module: ir.Module, word: ir.IntType, lanes: int) -> Value:
     """The function (code, end of code, slots) that runs a program once, on slots of so many lanes."""
     slot = ir.VectorType(DOUBLE, lanes)
@@ -127,7 +99,7 @@ def _run(module: ir.Module, word: ir.IntType, lanes: int) -> Value:
     function.linkage = "internal"
     code, end, slots = function.args
     b: Builder = ir.IRBuilder(function.append_basic_block("entry"))
-    place = _variable(b, word.as_pointer())
+    place = variable(b, word.as_pointer())
     b.store(code, place)
     head, body, done = (b.append_basic_block(name) for name in ("next", "run", "end"))
     b.branch(head)
@@ -186,8 +158,8 @@ def _one_kind(b: Builder, op: Op, count: Value, slots: Value, place: Value) -> N
 
     vector = slots.type.pointee
     terms = _take(b, place) if op in DOTS or op == Op.LOOKUP else None
-    totals = [_variable(b, vector) for _ in range(DOTS.get(op, 0))]
-    with _loop(b, count):
+    totals = [variable(b, vector) for _ in range(DOTS.get(op, 0))]
+    with loop(b, count):
         into = [slot() for _ in totals or [None]]
         if op in DOTS:
             results = _sums(b, terms, totals, read)
@@ -204,7 +176,7 @@ def _sums(b: Builder, terms: Value, totals: list[Value], read: Callable[[], Valu
     x = read()
     for total in totals:
         b.store(b.fmul(x, read()), total)
-    with _loop(b, b.sub(terms, LONG(1))):
+    with loop(b, b.sub(terms, LONG(1))):
         x = read()
         for total in totals:
             b.store(_multiply_add(b, x, read(), b.load(total)), total)
@@ -285,158 +257,6 @@ def _call(b: Builder, name: str, x: list[Value]) -> Value:
         kind = ir.FunctionType(x[0].type, [value.type for value in x])
         function = ir.Function(b.module, kind, name)
     return b.call(function, x)
-
-
-# Places in the structures of XLA's foreign function interface [bytes].
-EXTENSION, ARGUMENTS, RESULTS = 8, 56, 96  # of a call: extensions, number of arguments, of results
-METADATA = 24  # of the extension by which a handler is asked for its version
-MAJOR, MINOR = 24, 28  # of the metadata
-DATA, RANK, SIZES = 24, 32, 40  # of a buffer
-VERSION = 0, 3
-
-
-def _field(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
-    return b.load(_at(b, base, offset, kind))
-
-
-def _at(b: Builder, base: Value, offset: int, kind: ir.Type) -> Value:
-    return b.bitcast(b.gep(b.bitcast(base, POINTER), [LONG(offset)]), kind.as_pointer())
-
-
-def _handler(module: ir.Module, name: str, word: ir.IntType) -> None:
-    """The function that XLA calls: (code, output slots, constants, slots to take over, the memory of the
-    program run before, which has them, arguments) -> (results, memory).
-
-    Arguments and memory have shape (…, values) of any leading sizes, or one sample for all. Memory begins
-    with the place of its first slot, aligned for vectors; each block of samples has slots of its own.
-    """
-    function = ir.Function(module, ir.FunctionType(POINTER, [POINTER]), name)
-    frame = function.args[0]
-    b: Builder = ir.IRBuilder(function.append_basic_block("entry"))
-    null = ir.Constant(POINTER, None)
-    extension = _field(b, frame, EXTENSION, POINTER)
-    asked, work = b.append_basic_block("asked"), b.append_basic_block("work")
-    b.cbranch(b.icmp_unsigned("!=", extension, null), asked, work)
-    b.position_at_end(asked)
-    metadata = _field(b, extension, METADATA, POINTER)
-    b.store(WORD(VERSION[0]), _at(b, metadata, MAJOR, WORD))
-    b.store(WORD(VERSION[1]), _at(b, metadata, MINOR, WORD))
-    b.ret(null)
-
-    b.position_at_end(work)
-    samples = _buffer(b, frame, RESULTS, 0)[1]
-    one, several = b.append_basic_block("one"), b.append_basic_block("several")
-    b.cbranch(b.icmp_signed("<=", samples, LONG(1)), one, several)
-    for block, lanes in ((one, 1), (several, LANES)):
-        b.position_at_end(block)
-        _blocks(b, frame, _run(module, word, lanes))
-        b.ret(null)
-
-
-def _blocks(b: Builder, frame: Value, run: Value) -> None:
-    """Run the program on all samples, as many at a time as its slots have lanes."""
-    code, outputs, constants, taken, before, given = (_buffer(b, frame, ARGUMENTS, i) for i in range(6))
-    result, memory = (_buffer(b, frame, RESULTS, i) for i in range(2))
-    words, slot = (run.args[i].type for i in (0, 2))
-    lanes = slot.pointee.count
-    code_start, code_size = b.bitcast(code[0], words), b.mul(code[1], code[2])
-    start = b.ptrtoint(memory[0], LONG)
-    aligned = b.and_(b.add(start, LONG(8 + 8 * lanes - 1)), LONG(-8 * lanes))
-    most = b.sub(result[1], LONG(1))
-    with _loop(b, b.sdiv(b.add(result[1], LONG(lanes - 1)), LONG(lanes))) as block:
-        b.store(b.sdiv(b.sub(aligned, start), LONG(8)), b.bitcast(memory[0], LONG.as_pointer()))
-        first = b.mul(block, LONG(lanes))
-        slots = b.inttoptr(b.add(aligned, b.mul(b.mul(first, memory[2]), LONG(8))), slot)
-        rows = []  # the last block is filled up with its last sample
-        for lane in range(lanes):
-            row = b.add(first, LONG(lane))
-            rows.append(b.select(b.icmp_signed("<", row, most), row, most))
-        _load_constants(b, constants, slots)
-        _take_over(b, taken, before, first, b.gep(slots, [constants[2]]))
-        _load_arguments(b, given, b.gep(slots, [b.add(constants[2], taken[2])]), rows)
-        b.call(run, [code_start, b.gep(code_start, [code_size]), slots])
-        _store_results(b, outputs, slots, result, rows)
-
-
-def _buffer(b: Builder, frame: Value, where: int, number: int) -> tuple[Value, ...]:
-    """Data, samples and values a sample of a buffer."""
-    buffers = _field(b, frame, where + 16, POINTER.as_pointer())
-    buffer = b.load(b.gep(buffers, [LONG(number)]))
-    sizes = _field(b, buffer, SIZES, LONG.as_pointer())
-    leading = b.sub(_field(b, buffer, RANK, LONG), LONG(1))
-    total = _variable(b, LONG)
-    b.store(LONG(1), total)
-    with _loop(b, leading) as axis:
-        b.store(b.mul(b.load(total), b.load(b.gep(sizes, [axis]))), total)
-    return _field(b, buffer, DATA, POINTER), b.load(total), b.load(b.gep(sizes, [leading]))
-
-
-def _load_constants(b: Builder, constants: tuple[Value, ...], slots: Value) -> None:
-    numbers = b.bitcast(constants[0], DOUBLE.as_pointer())
-    vector = slots.type.pointee
-    with _loop(b, constants[2]) as i:
-        b.store(_spread(b, b.load(b.gep(numbers, [i])), vector), b.gep(slots, [i]), align=8 * vector.count)
-
-
-def _spread(b: Builder, number: Value, vector: ir.VectorType) -> Value:
-    """The same number in all lanes."""
-    result = ir.Constant(vector, ir.Undefined)
-    for lane in range(vector.count):
-        result = b.insert_element(result, number, WORD(lane))
-    return result
-
-
-def _take_over(
-    b: Builder, taken: tuple[Value, ...], before: tuple[Value, ...], first: Value, slots: Value
-) -> None:
-    """What another program left in its memory, of the samples from `first` on or of one for all."""
-    vector = slots.type.pointee
-    places = b.bitcast(taken[0], WORD.as_pointer())
-    numbers = b.bitcast(before[0], DOUBLE.as_pointer())
-    start = b.gep(numbers, [b.load(b.bitcast(before[0], LONG.as_pointer()))])
-
-    def copy(read: Callable[[Value], Value]) -> None:
-        with _loop(b, taken[2]) as i:
-            value = read(b.zext(b.load(b.gep(places, [i])), LONG))
-            b.store(value, b.gep(slots, [i]), align=8 * vector.count)
-
-    with b.if_else(b.icmp_signed("<=", before[1], LONG(1))) as (one, several):
-        with one:
-            copy(lambda slot: _spread(b, b.load(b.gep(start, [slot])), vector))
-        with several:
-            own = b.bitcast(b.gep(start, [b.mul(first, before[2])]), vector.as_pointer())
-            # XLA may have moved the memory to where its slots are not aligned.
-            copy(lambda slot: b.load(b.gep(own, [slot]), align=8))
-
-
-def _load_arguments(b: Builder, given: tuple[Value, ...], slots: Value, rows: list[Value]) -> None:
-    """The arguments of each sample, or those of one for all."""
-    data, samples, values = given
-    stride = b.select(b.icmp_signed("<=", samples, LONG(1)), LONG(0), values)
-    numbers = b.bitcast(data, DOUBLE.as_pointer())
-    starts = [b.gep(numbers, [b.mul(row, stride)]) for row in rows]
-    with _loop(b, values) as i:
-        vector = ir.Constant(slots.type.pointee, ir.Undefined)
-        for lane, start in enumerate(starts):
-            vector = b.insert_element(vector, b.load(b.gep(start, [i])), WORD(lane))
-        b.store(vector, b.gep(slots, [i]), align=8 * len(rows))
-
-
-def _store_results(
-    b: Builder,
-    outputs: tuple[Value, ...],
-    slots: Value,
-    result: tuple[Value, ...],
-    rows: list[Value],
-) -> None:
-    places = b.bitcast(outputs[0], WORD.as_pointer())
-    numbers = b.bitcast(result[0], DOUBLE.as_pointer())
-    starts = [b.gep(numbers, [b.mul(row, result[2])]) for row in rows]
-    with _loop(b, result[2]) as i:
-        slot = b.zext(b.load(b.gep(places, [i])), LONG)
-        vector = b.load(b.gep(slots, [slot]), align=8 * len(rows))
-        for lane, start in enumerate(starts):
-            b.store(b.extract_element(vector, WORD(lane)), b.gep(start, [i]))
 
 
 def memory(slots: int) -> int:
