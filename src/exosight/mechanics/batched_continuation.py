@@ -135,7 +135,7 @@ def _in_order(problems: Problems, numbers: set[int]) -> list[int]:
     waited for with all other lanes idle.
     """
     order = sorted(numbers)
-    if problems.loads.shape[1] > 1:
+    if problems.loads.shape[1] > 1 or len(order) == 1:
         return order
     far = np.linalg.norm(problems.loads[:, 0] - problems.origin, axis=1)
     return sorted(order, key=lambda number: -far[number])
@@ -157,8 +157,7 @@ def _fill_lanes(
     taken, rows = queue.take(lanes)
     if not len(taken):
         return
-    lane = Lanes(problems, lanes, code, rows)
-    lane.put(np.arange(len(taken)), taken, rows)
+    lane = Lanes(problems, lanes, code, taken, rows)
     while np.any(lane.number >= 0) and not queue.stopped:
         # While robots or further loads wait, come back as soon as some lanes are free for them: for single
         # loads, which take a few evaluations, half of the lanes, else a quarter.
@@ -187,11 +186,10 @@ def _fill_lanes(
             finished(number)
         if not over.all():
             lane.go_on(at[~over], found.q, found.load, found.history)
-        if over.any():
-            taken, rows = queue.take(int(np.count_nonzero(over)))
-            if len(taken):
-                lane.put(at[over][: len(taken)], taken, rows)
-            lane.stand(at[over][len(taken) :])
+        taken, rows = queue.take(int(np.count_nonzero(over)))
+        if len(taken):
+            lane.put(at[over][: len(taken)], taken, rows)
+        lane.stand(at[over][len(taken) :])
 
 
 def _nothing(problems: Problems) -> Solutions:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Hashable
 from functools import lru_cache
-from itertools import pairwise
 from typing import Any, NamedTuple, TypeAlias
 
 import jax
@@ -41,8 +40,9 @@ class Common(NamedTuple):
 
     def leaves(self, arrays: Float[AnyArray, "*robots numbers"]) -> list[AnyArray]:
         """The arrays of robots, from all numbers of each one after the other."""
-        ends = np.cumsum([0, *(int(np.prod(shape)) for shape, _ in self.kinds)]).tolist()
-        parts = [arrays[..., start:end] for start, end in pairwise(ends)]
+        ends = np.cumsum([int(np.prod(shape)) for shape, _ in self.kinds])
+        split: Any = np.split if isinstance(arrays, np.ndarray) else jnp.split
+        parts = split(arrays, ends[:-1].tolist(), axis=-1)
         return [
             part.reshape(*arrays.shape[:-1], *shape).astype(kind)
             for part, (shape, kind) in zip(parts, self.kinds, strict=True)

@@ -59,7 +59,9 @@ class Lanes:
     progress   where they are: NumPy arrays to be written to, but for the records
     """
 
-    def __init__(self, problems: Problems, lanes: int, code: Compiled, robots: Rows) -> None:
+    def __init__(
+        self, problems: Problems, lanes: int, code: Compiled, numbers: Int[np.ndarray, " some"], robots: Rows
+    ) -> None:
         self._problems = problems
         self.number, self.first = np.full(lanes, -1), np.zeros(lanes, int)
         self.total = np.zeros(lanes, int)
@@ -67,7 +69,6 @@ class Lanes:
         self.rows = np.zeros((lanes, layout.given.numbers))
         self.given: Given = layout.given.unpack(self.rows)
         self._robots = self.rows[:, : robots.shape[1]]
-        self._robots[:] = robots[0]
         self.progress = Progress(
             np.zeros((lanes, layout.state.numbers)),
             Records(*(np.zeros((lanes, *rows.shape)) for rows in layout.records)),
@@ -75,7 +76,11 @@ class Lanes:
             np.zeros(lanes, int),
         )
         self._begun = layout.start
-        self._start(np.arange(lanes), (problems.q, problems.origin, *problems.history), np.zeros(lanes, int))
+        # Where there is no robot compiled code goes on with the last one, but to no load.
+        own = np.minimum(np.arange(lanes), len(numbers) - 1)
+        self.put(np.arange(lanes), numbers[own], robots[own])
+        idle = slice(len(numbers), None)
+        self.number[idle], self.total[idle], self.given.total[idle] = -1, 0, 0
 
     def put(self, at: Int[np.ndarray, " some"], numbers: Int[np.ndarray, " some"], robots: Rows) -> None:
         """Robots at the start of their paths into some lanes."""

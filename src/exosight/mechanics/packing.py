@@ -9,7 +9,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
 from exosight.arrays import AnyArray
 
@@ -30,9 +30,11 @@ class Packing:
             for start, end, leaf in zip(ends[:-1], ends[1:], leaves, strict=True)
         ]
 
-    def pack(self, tree: Any) -> Float[Array, " numbers"]:
-        """A tree as a row."""
-        return jnp.concatenate([jnp.reshape(leaf, -1).astype(float) for leaf in jax.tree.leaves(tree)])
+    def pack(self, tree: Any) -> Float[AnyArray, " numbers"]:
+        """A tree as a row: of NumPy if all of its arrays are, as every function of JAX compiles something."""
+        leaves = jax.tree.leaves(tree)
+        xp: Any = np if all(isinstance(leaf, np.ndarray) for leaf in leaves) else jnp
+        return xp.concatenate([xp.reshape(leaf, -1).astype(float) for leaf in leaves])
 
     def unpack(self, rows: Float[AnyArray, "*batch numbers"]) -> Any:
         """The trees of some rows, of arrays with leading axes; floats of NumPy are views of the rows."""

@@ -74,16 +74,14 @@ class Carried(NamedTuple):
 def begun(dofs: int, channels: int, memories: Memories, room: int) -> Carried:
     """A robot that begins with its pose and loads at 0, with room for what is found at so many loads."""
     layout = layout_of(dofs, channels, tuple(map(np.shape, memories)))
-    state = begin(np.zeros(dofs), np.zeros(channels), memories)
+    state = jax.tree.map(np.asarray, _bare(begin(np.zeros(dofs), np.zeros(channels), memories)))
     matrix = np.zeros((dofs, dofs))
     records = Records(
         np.zeros((room + 1, layout.of_load.numbers + dofs**2)),
         np.zeros((SNAPS + 1, layout.of_snap.numbers)),
     )
     none = np.zeros((), int)
-    return Carried(
-        np.asarray(layout.state.pack(_bare(state))), none, none, (matrix,) * (2 if memories else 1), records
-    )
+    return Carried(layout.state.pack(state), none, none, (matrix,) * (2 if memories else 1), records)
 
 
 class At(NamedTuple):

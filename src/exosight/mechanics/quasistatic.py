@@ -163,7 +163,8 @@ def _solve(
             f"{expected}, got {[memory.shape for memory in history]}; "
             "give the history of the `State` or `Equilibria` that q comes from"
         )
-    options = replace(options, eigenvalues=options.eigenvalues or not needed.energy)
+    if not (options.eigenvalues or needed.energy):
+        options = replace(options, eigenvalues=True)
     common = Common(structure, kinds, needed.dofs, channels, needed.memories)
     arrays = np.concatenate([leaf.reshape(count, -1) for leaf in leaves], axis=1, dtype=float)
     return solve(common, arrays, Problems(q, origin, loads, history), options, done, kept)
@@ -172,16 +173,35 @@ def _solve(
 def _flat(robots: Robots) -> tuple[list[np.ndarray], Any]:
     """The arrays of all robots with a leading axis of robots, and their structure; InputError for several."""
     if isinstance(robots, Robot):
-        leaves, structure = jax.tree.flatten(robots)
-        return [np.asarray(leaf) for leaf in leaves], structure
+        return _flattened(_Same(robots))
     if not robots:
         raise InputError("robots: expected at least one, got none")
-    (first, structure), *others = (jax.tree.flatten(robot) for robot in robots)
+    (first, structure), *others = (_flattened(_Same(robot)) for robot in robots)
     if any(other != structure for _, other in others):
         raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
     if not others:  # stacking takes ten times as long as looking at them otherwise
-        return [np.asarray(leaf)[None] for leaf in first], structure
+        return [leaf[None] for leaf in first], structure
     return [np.stack(each) for each in zip(first, *(leaves for leaves, _ in others), strict=True)], structure
+
+
+class _Same:
+    """A robot by which something is kept: the same one, not one of the same numbers."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+
+    def __hash__(self) -> int:
+        return id(self.robot)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.robot is other.robot
+
+
+@lru_cache(maxsize=256)
+def _flattened(same: _Same) -> tuple[list[np.ndarray], Any]:
+    """A robot's own arrays, and its structure; kept, as a control step asks for the same one again."""
+    leaves, structure = jax.tree.flatten(same.robot)
+    return [np.asarray(leaf) for leaf in leaves], structure
 
 
 class _Needed(NamedTuple):

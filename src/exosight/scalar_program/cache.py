@@ -131,8 +131,11 @@ def _add_equations(update: Callable[[bytes], None], jaxpr: Jaxpr) -> None:
             if isinstance(variable, Literal):
                 words.append("literal")
                 _add_array(update, variable.val)
+            elif variable in names:
+                words.append(str(names[variable]))
             else:
-                words.append(f"{names.setdefault(variable, len(names))}{variable.aval.str_short()}")
+                names[variable] = len(names)
+                words.append(f"{names[variable]}{variable.aval.str_short()}")
         update(";".join(words).encode())
 
     write([*jaxpr.constvars, *jaxpr.invars])
@@ -146,6 +149,10 @@ def _add_equations(update: Callable[[bytes], None], jaxpr: Jaxpr) -> None:
     write(jaxpr.outvars)
 
 
+_TOLD = Enum, np.dtype, np.generic, bool, int, float, str
+"""Kinds of parameters of which all is told."""
+
+
 @no_type_check  # see conditional
 def _add_parameter(update: Callable[[bytes], None], value: Any) -> None:
     """All that the rules of `tracing` look at; of anything else (functions, devices) only the kind."""
@@ -157,7 +164,7 @@ def _add_parameter(update: Callable[[bytes], None], value: Any) -> None:
         update(f"({len(value)}".encode())
         for part in value:
             _add_parameter(update, part)
-    elif isinstance(value, Enum | np.dtype | np.generic | bool | int | float | str | None):
+    elif value is None or isinstance(value, _TOLD):
         update(repr(value).encode())
     else:
         update(type(value).__name__.encode())
