@@ -20,7 +20,7 @@ from exosight.control.stress import ControllerName, StressConfig
 from exosight.control.stress.causes import Causes, find_causes, worst
 from exosight.control.stress.config import guard_of
 from exosight.control.stress.episodes import Episode, draw_episode
-from exosight.control.stress.frames import Look, camera_sensor, true_sensor
+from exosight.control.stress.frames import Look, camera_sensor, last_seen, true_sensor
 from exosight.control.stress.measures import Measured, attained, measure_episode, summary
 from exosight.control.stress.oracle import run_oracle
 from exosight.control.stress.plants import StressPlants, stress_plants
@@ -33,8 +33,8 @@ from exosight.exosuit.published import PublishedDesigns
 from exosight.files import as_csv, write_new_file
 from exosight.system.designs import DesignSet
 
-ORACLE = "oracle"
-"""Name of the bound."""
+ORACLE, DELAYED_ORACLE = "oracle", "delayed-oracle"
+"""Names of the bounds: of what the actuators allow, and of what the frames tell as well."""
 
 
 @dataclass(frozen=True)
@@ -117,8 +117,9 @@ def _run(
 ) -> Outcome:
     """One controller on all of these episodes."""
     with progress(name, "steps") as update:
-        if name == ORACLE:
-            traces = run_oracle(drawn, plants.limits, update)
+        if name in (ORACLE, DELAYED_ORACLE):
+            seen = last_seen(drawn) if name == DELAYED_ORACLE else None
+            traces = run_oracle(drawn, plants.limits, update, seen)
         else:
             chosen = _controllers(name, plants.limits, gains, len(drawn), guard, policy)
             traces = run_episodes(drawn, chosen, look, plants.limits, update)

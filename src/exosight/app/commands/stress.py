@@ -51,7 +51,7 @@ def stress(
         controllers: guarded: the scheduled law behind its guard; adaptive: observer, law and authority in
             one; learned: the same with a learned correction of its command; unguarded: this with full
             authority whatever it knows; oracle: the bound, which feels the true force at once and knows plant
-            and user
+            and user; delayed-oracle: the same with the user as he was when the last usable frame was taken
         gains: K_P of the paper's law [channel's unit per sensor's], one run each; none: only the
             controllers above; default: 5, the paper's, for F_net of the presets, otherwise half of
             what the steepest part of the path asks for

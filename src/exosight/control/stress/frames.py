@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from jaxtyping import UInt8
+from jaxtyping import Int, UInt8
 
 from exosight.control.batch import Plants
 from exosight.control.estimator import OnnxEstimator, Reader, Reading, takes_commands
@@ -93,6 +93,21 @@ class FrameDelivery:
                 else Measurement(image, read, episode.latency / RATE, commands[i])
             )
         return seen
+
+
+def last_seen(episodes: Sequence[Episode]) -> Int[np.ndarray, "episodes steps"]:
+    """The step in which the newest usable frame was taken that has come before each step's command; 0: none.
+
+    Usable is one that is neither lost nor the last one again, and on which nothing hides the device.
+    """
+    seen = np.zeros((len(episodes), len(episodes[0].target)), int)
+    for i, episode in enumerate(episodes):
+        for step in range(1, seen.shape[1]):
+            taken = max(step - 1 - episode.latency, 0)
+            hidden = any(burst.hidden for burst in _now(episode, taken))
+            usable = not (episode.lost[step - 1] or episode.again[step - 1] or hidden)
+            seen[i, step] = taken if usable else seen[i, step - 1]
+    return seen
 
 
 def _row(reading: Reading, i: int) -> Reading:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from exosight.control.batch import BatchPlant, Joints, Plants
 from exosight.control.guard import Measurement, Transition
@@ -161,12 +161,19 @@ class EpisodeRun:
         self._command, self._states = [np.zeros(len(episodes))], [self.plant.state]
         self._step = 0
 
-    def apply(self, step: int, u: Float[np.ndarray, " episodes"]) -> Float[np.ndarray, "episodes outputs"]:
-        """Give every plant its command, with the users as they are in this step; what is read then.
+    def apply(
+        self,
+        step: int,
+        u: Float[np.ndarray, " episodes"],
+        users: Int[np.ndarray, " episodes"] | None = None,
+    ) -> Float[np.ndarray, "episodes outputs"]:
+        """Give every plant its command, with the users as they are in this step, or each as in another one
+        (`users`); what is read then.
 
         A step takes its time once, however often a command is tried out in it.
         """
-        joints = Joints(self._stiffness[:, step], self._rest[:, step])
+        own = (np.arange(len(u)), np.full(len(u), step) if users is None else users)
+        joints = Joints(self._stiffness[own], self._rest[own])
         seconds, self._step = (step - self._step) / RATE, step
         return self.plant.step(self._valves.step(self._config.commands(u)), joints, seconds).outputs
 
