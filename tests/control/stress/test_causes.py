@@ -20,6 +20,7 @@ GOOD = Measured(
     overshoot_percent=0.0,
     steady_state_percent=1.0,
     tracking_error=0.01,
+    hold_error=0.01,
     largest_contact=0.2,
     largest_net=0.3,
     seconds_outside=0.0,

@@ -97,14 +97,16 @@ def test_commands_beyond_amplitude_and_rate_are_counted(measured):
 
 def test_a_target_that_moves_is_judged_on_its_tracking_alone(measured):
     net = np.append(np.full(20, 0.2), np.zeros(15))
-    net[:20] += 0.03
+    net[:15] += 0.06  # half of the time from 1 s on
     found, traces = measured(net, kind="sine")
     assert math.isnan(found.settling_steps)
     assert math.isnan(found.overshoot_percent)
-    assert found.tracking_error == pytest.approx(0.03)
+    assert found.tracking_error == pytest.approx(0.06 * math.sqrt(0.5))
+    assert found.hold_error == pytest.approx(0.03)
     told = summary([found], traces)
     assert told["constant_targets"] == 0
-    assert told["tracking_error"]["sine"]["median"] == pytest.approx(0.03)
+    assert told["tracking_error"]["sine"]["median"] == found.tracking_error
+    assert told["hold_error"] == {"user at rest": found.hold_error, "user moves": None}
 
 
 def test_the_summary_counts_causes_without_their_numbers(measured):

@@ -37,6 +37,8 @@ class Measured:
     """|target − mean of the last quarter| of a constant target [%]"""
     tracking_error: float
     """root mean square of target − reading from 1 s on, until the target drops [the sensor's unit]"""
+    hold_error: float
+    """mean of |target − reading| over the same time [the sensor's unit]"""
     largest_contact: float
     """largest contact force that is estimated [N]; NaN: none is"""
     largest_net: float
@@ -93,6 +95,7 @@ def measure_episode(episode: Episode, traces: Traces, number: int, limits: Contr
         overshoot_percent=overshoot,
         steady_state_percent=steady,
         tracking_error=float(np.sqrt(np.mean((target - net)[held] ** 2))),
+        hold_error=float(np.mean(np.abs(target - net)[held])),
         largest_contact=float(contacts.max()) if contacts.size else math.nan,
         largest_net=float(net.max()),
         seconds_outside=float((outputs > limits.output_limits).any(axis=1).sum() / RATE),
@@ -125,6 +128,10 @@ def summary(measured: Sequence[Measured], traces: Traces) -> dict[str, Any]:
         "tracking_error": {
             kind: _quantiles([m.tracking_error for m in measured if m.kind == kind])
             for kind in sorted({m.kind for m in measured})
+        },
+        "hold_error": {
+            "user at rest": _mean([m.hold_error for m in measured if not m.user_moves]),
+            "user moves": _mean([m.hold_error for m in measured if m.user_moves]),
         },
         "largest_contact": _quantiles([m.largest_contact for m in measured]),
         "largest_net": _quantiles([m.largest_net for m in measured]),
@@ -193,6 +200,10 @@ def _cause(measured: Measured) -> str:
     if measured.steady_state_percent > 100 * TOLERANCE:
         return "mean of the last quarter off by more than 5 %"
     return "mean within 5 %, not every step"
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
 
 
 def _quantiles(values: Sequence[float]) -> dict[str, float] | None:
