@@ -106,7 +106,7 @@ def test_a_target_that_moves_is_judged_on_its_tracking_alone(measured):
     told = summary([found], traces)
     assert told["constant_targets"] == 0
     assert told["tracking_error"]["sine"]["median"] == found.tracking_error
-    assert told["hold_error"] == {"user at rest": found.hold_error, "user moves": None}
+    assert told["hold_error"] == {"user at rest": None, "user moves": found.hold_error}
 
 
 def test_the_summary_counts_causes_without_their_numbers(measured):
