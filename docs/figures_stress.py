@@ -5,11 +5,17 @@ stress_true.json     exosight stress --gains
 stress_paper.json    exosight stress --gains 5 --episodes 100
 stress_latency.json  as stress.json, with --latency 0.1 0.1 --dropped 0.1 0.1 --repeated 0 0 --bursts 0
                      --no-wrong-plant --no-wrong-camera --no-moving-user
-stress_index_true.json   exosight stress --system index --controllers oracle adaptive guarded --gains
-stress_index_image.json  as before, with --model index-control
-stress_index_learned.json    exosight stress --system index --controllers adaptive learned --gains
-                             --episodes 650
-stress_index_unguarded.json  the same, with --controllers adaptive learned unguarded --episodes 200
+On the device index, with --system index --gains and, where the name ends in image, --model index-control:
+
+stress_index_true.json, stress_index_image.json    --controllers oracle delayed-oracle adaptive guarded
+stress_index2_true.json, stress_index2_image.json  the same, --suite 2
+stress_index_latency.json  --controllers oracle adaptive --model index-control --latency 0.1 0.1
+                           --dropped 0.1 0.1 --repeated 0 0 --bursts 0 --no-wrong-plant --no-wrong-camera
+                           --no-moving-user
+stress_index_learned.json, stress_index_learned_image.json  --controllers adaptive learned
+stress_index_unguarded.json  --controllers adaptive learned unguarded --episodes 200
+
+many_episodes.json  python -m benchmarks.many_episodes docs/results/many_episodes.json --suite 1
 """
 
 import json
@@ -26,7 +32,8 @@ HERE = Path(__file__).parent
 PAGE, RESULTS, IMAGE = HERE / "stress.md", HERE / "results", HERE / "images" / "stress.png"
 NAMES = (
     *("stress", "stress_true", "stress_paper", "stress_latency"),
-    *("stress_index_true", "stress_index_image", "stress_index_learned", "stress_index_unguarded"),
+    *("stress_index_true", "stress_index_image", "stress_index2_true", "stress_index2_image"),
+    *("stress_index_latency", "stress_index_learned", "stress_index_learned_image", "stress_index_unguarded"),
 )
 
 
@@ -38,29 +45,24 @@ def load() -> dict[str, Any]:
 def tables(found: dict[str, Any]) -> dict[str, str]:
     """The page's tables, by name."""
     causes = found["stress"]["controllers"]["guarded"]["transitions"]
-    index = {"true force": found["stress_index_true"], "image": found["stress_index_image"]}
-    adaptive = {name: result["controllers"]["adaptive"] for name, result in index.items()}
     learned = found["stress_index_learned"]["controllers"]
+    first, second = (
+        {sensor: found[f"{suite}_{sensor}"]["controllers"] for sensor in ("true", "image")}
+        for suite in ("stress_index", "stress_index2")
+    )
     return {name: shown(stress_table(result)) for name, result in found.items()} | {
+        "disturbances": _by_disturbance(first),
+        "disturbances2": _by_disturbance(second),
+        "hold_error": _hold_errors(first),
+        "hold_error2": _hold_errors(second),
+        "adaptive_causes": _transitions(first),
+        "adaptive_causes2": _transitions(second),
+        "many_episodes": _many(json.loads((RESULTS / "many_episodes.json").read_text())),
         "tracking": table_of(
             ["root mean square error from 1 s on, median of the episodes [mN]", *learned],
             [
                 [kind, *(f"{1e3 * each['tracking_error'][kind]['median']:.1f}" for each in learned.values())]
                 for kind in learned["adaptive"]["tracking_error"]
-            ],
-        ),
-        "disturbances": table_of(
-            ["disturbance", *adaptive],
-            [
-                [name, *(_of(each["attained_by_disturbance"][name]) for each in adaptive.values())]
-                for name in adaptive["image"]["attained_by_disturbance"]
-            ],
-        ),
-        "adaptive_causes": table_of(
-            ["state entered, and cause", *adaptive],
-            [
-                [cause, *(str(each["transitions"].get(cause, 0)) for each in adaptive.values())]
-                for cause in adaptive["image"]["transitions"]
             ],
         ),
         "causes": table_of(
@@ -70,8 +72,66 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
     }
 
 
-def _of(counts: dict[str, int]) -> str:
-    return f"{counts['attained']} of {counts['attainable']}"
+def _adaptive(results: dict[str, Any]) -> dict[str, Any]:
+    return {
+        "adaptive, true force": results["true"]["adaptive"],
+        "adaptive, image": results["image"]["adaptive"],
+    }
+
+
+def _bounded(results: dict[str, Any]) -> dict[str, Any]:
+    return {"delayed oracle": results["true"]["delayed-oracle"]} | _adaptive(results)
+
+
+def _by_disturbance(results: dict[str, Any]) -> str:
+    columns = _bounded(results)
+    counts = {name: each["attained_by_disturbance"] for name, each in columns.items()}
+    return table_of(
+        ["disturbance", *columns],
+        [
+            [cause, *(f"{own[cause]['attained']} of {own[cause]['attainable']}" for own in counts.values())]
+            for cause in counts["delayed oracle"]
+        ],
+    )
+
+
+def _hold_errors(results: dict[str, Any]) -> str:
+    columns = {"oracle": results["true"]["oracle"]} | _bounded(results)
+    return table_of(
+        ["mean error from 1 s on [mN]", *columns],
+        [
+            [user, *(f"{1e3 * each['hold_error'][user]:.1f}" for each in columns.values())]
+            for user in ("user at rest", "user moves")
+        ],
+    )
+
+
+def _transitions(results: dict[str, Any]) -> str:
+    counts = {name: each["transitions"] for name, each in _adaptive(results).items()}
+    causes = dict.fromkeys(cause for each in counts.values() for cause in each)
+    return table_of(
+        ["state entered, and cause", *counts],
+        [[cause, *(str(each.get(cause, 0)) for each in counts.values())] for cause in causes],
+    )
+
+
+def _many(found: dict[str, Any]) -> str:
+    counts = {
+        "released late (> 1 s)": "late",
+        "not recovered": "unrecovered",
+        "commands beyond limits": "commands_outside",
+        "beyond a contact limit": "outside_contact_limit",
+        "aborted by the guard": "given_up",
+        "targets settled": "settled",
+        "of targets": "constant",
+    }
+    return table_of(
+        ["controller", "episodes", *counts],
+        [
+            [name, f"{each['episodes']:,}".replace(",", " "), *(str(each[key]) for key in counts.values())]
+            for name, each in found["controllers"].items()
+        ],
+    )
 
 
 def picture(found: dict[str, Any]) -> Figure:

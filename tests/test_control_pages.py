@@ -1,5 +1,6 @@
 """docs/control.md and docs/stress.md show the numbers of docs/results, and conclude what these say."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,7 @@ def test_no_episode_is_unrecovered_late_or_commanded_beyond_limits(episodes):
 
 def test_the_adaptive_controller_attains_more_and_hardly_ever_gives_up(episodes):
     # Of 1,000 episodes, as the page says. The guarded controller gains from the network of the loop too.
-    for name, beyond, ratio in (("stress_index_true", 3, 1.5), ("stress_index_image", 1, 1.4)):
+    for name, beyond, ratio in (("stress_index_true", 1, 1.5), ("stress_index_image", 0, 1.4)):
         assert episodes[name]["about"]["episodes"] == 1000
         found = episodes[name]["controllers"]
         adaptive, guarded = found["adaptive"], found["guarded"]
@@ -81,3 +82,37 @@ def test_the_adaptive_controller_attains_more_and_hardly_ever_gives_up(episodes)
         assert found["oracle"]["attained"] == adaptive["attainable"]
         assert adaptive["attained"] > ratio * guarded["attained"]
         assert adaptive["given_up"] < 0.1 * guarded["given_up"]
+
+
+def test_with_friction_creep_and_slow_actuators_hardly_any_release_is_late(episodes):
+    for name in ("stress_index2_true", "stress_index2_image"):
+        assert episodes[name]["about"]["episodes"] == 1000
+        adaptive, guarded = (episodes[name]["controllers"][kind] for kind in ("adaptive", "guarded"))
+        assert adaptive["commands_outside"] == adaptive["unrecovered"] == adaptive["given_up"] == 0
+        assert adaptive["released_late"] <= 1
+        assert adaptive["outside_contact_limit"] <= 1
+        assert adaptive["attained"] > 1.4 * guarded["attained"]
+
+
+def test_what_frames_tell_bounds_the_adaptive_controller(episodes):
+    """The bounds do not depend on the sensor, and with the true force the errors of a user who moves are
+    those of one who is known as of the last frame.
+    """
+    for suite in ("stress_index", "stress_index2"):
+        true, image = (episodes[f"{suite}_{sensor}"]["controllers"] for sensor in ("true", "image"))
+        for bound in ("oracle", "delayed-oracle"):
+            assert true[bound]["attained"] == image[bound]["attained"]
+        for found in (true, image):
+            assert found["adaptive"]["attained"] < found["delayed-oracle"]["attained"]
+            assert found["delayed-oracle"]["attained"] < found["oracle"]["attained"]
+    errors = {name: each["hold_error"] for name, each in episodes["stress_index_true"]["controllers"].items()}
+    assert errors["adaptive"]["user moves"] < 1.05 * errors["delayed-oracle"]["user moves"]
+    assert errors["delayed-oracle"]["user moves"] > 2 * errors["oracle"]["user moves"]
+
+
+def test_of_very_many_episodes_none_is_late_unrecovered_or_commanded_beyond_limits(episodes):
+    found = json.loads((DOCS / "results" / "many_episodes.json").read_text())
+    for each in found["controllers"].values():
+        assert each["episodes"] >= 100_000
+        assert each["late"] == each["unrecovered"] == each["commands_outside"] == 0
+        assert each["outside_contact_limit"] < 0.003 * each["episodes"]
