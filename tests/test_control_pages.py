@@ -84,14 +84,19 @@ def test_the_adaptive_controller_attains_more_and_hardly_ever_gives_up(episodes)
         assert adaptive["given_up"] < 0.1 * guarded["given_up"]
 
 
+def test_with_late_and_lost_frames_alone_nearly_all_targets_are_attained(episodes):
+    found = episodes["stress_index_latency"]["controllers"]["adaptive"]
+    assert found["attained"] >= 0.95 * found["attainable"] > 300
+
+
 def test_with_friction_creep_and_slow_actuators_hardly_any_release_is_late(episodes):
-    for name in ("stress_index2_true", "stress_index2_image"):
+    for name, late, ratio in (("stress_index2_true", 1, 1.8), ("stress_index2_image", 2, 1.3)):
         assert episodes[name]["about"]["episodes"] == 1000
         adaptive, guarded = (episodes[name]["controllers"][kind] for kind in ("adaptive", "guarded"))
         assert adaptive["commands_outside"] == adaptive["unrecovered"] == adaptive["given_up"] == 0
-        assert adaptive["released_late"] <= 1
-        assert adaptive["outside_contact_limit"] <= 1
-        assert adaptive["attained"] > 1.4 * guarded["attained"]
+        assert adaptive["released_late"] <= late
+        assert adaptive["outside_contact_limit"] == 0
+        assert adaptive["attained"] > ratio * guarded["attained"]
 
 
 def test_what_frames_tell_bounds_the_adaptive_controller(episodes):
