@@ -115,7 +115,7 @@ def test_what_frames_tell_bounds_the_adaptive_controller(episodes):
     assert errors["delayed-oracle"]["user moves"] > 2 * errors["oracle"]["user moves"]
 
 
-def test_of_very_many_episodes_none_is_late_unrecovered_or_commanded_beyond_limits(episodes):
+def test_of_very_many_episodes_none_is_late_unrecovered_or_commanded_beyond_limits():
     found = json.loads((DOCS / "results" / "many_episodes.json").read_text())
     for each in found["controllers"].values():
         assert each["episodes"] >= 100_000

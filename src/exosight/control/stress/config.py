@@ -17,7 +17,7 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 ControllerName = Literal["guarded", "adaptive", "learned", "unguarded", "oracle", "delayed-oracle"]
 """The scheduled law behind its guard; the adaptive controller; this with a learned correction, and the same
 with full authority whatever it knows; the bound of all, which feels the true force at once and knows plant
-and user; the same one, which knows them as they were when the last usable frame was taken."""
+and user; the same one, which knows the user as he was when the last usable frame was taken."""
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Delay = Annotated[float, Field(ge=0, le=2)]
