@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, ConsoleMessage, Page, Request, expect, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Page, Request, Route, expect, sync_playwright
 
 from exosight.lab.settings import View
 from exosight.lab.system import LabSystem
@@ -290,7 +290,7 @@ def test_files_and_the_command_can_be_saved(open_page: Callable[..., Page], tmp_
         ("#save-readings", b"sensor,"),
         ("#save-path", b"u [N],"),
     ):
-        with page.expect_download() as waiting:
+        with page.expect_download(timeout=SOON) as waiting:
             page.locator(button).click()
         file = tmp_path / waiting.value.suggested_filename
         waiting.value.save_as(file)
@@ -321,7 +321,7 @@ def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page]
     expect(page.locator("#loop-target")).to_have_text("0.000 N")
     page.keyboard.press("Home")
     expect(page.locator("#loop-u")).to_have_text("0.00 N")
-    with page.expect_download() as waiting:
+    with page.expect_download(timeout=SOON) as waiting:
         page.locator("#save-run").click()
     waiting.value.save_as(tmp_path / "run.csv")
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 61
@@ -376,6 +376,24 @@ def test_the_address_keeps_the_settings_and_their_history(open_page: Callable[..
     page.go_forward()
     expect(zoom).to_have_value("104")
     expect(page.locator("#stale")).to_be_hidden()
+
+
+def test_limits_that_arrive_late_leave_a_number_that_is_being_typed(open_page: Callable[..., Page]) -> None:
+    page = open_page()
+    held: list[Route] = []
+    page.route("**/api/path", lambda route: held.append(route))
+    with page.expect_request("**/api/path"):
+        page.get_by_role("tab", name="Closed loop").click()
+    target = page.get_by_label("Target F_net, N, as a number")
+    expect(target).to_have_attribute("max", "1")
+    target.fill("0.21")
+    held[0].continue_()
+    expect(target).not_to_have_attribute("max", "1", timeout=SOON)
+    expect(target).to_have_value("0.21")
+    target.press("Enter")
+    expect(page).to_have_url(re.compile("loop.target=0.21"))
+    page.locator("#loop-settings").get_by_label("Sensor").select_option("C6")
+    expect(page.get_by_label("Target C6, N, as a number")).to_have_count(1)
 
 
 def test_an_address_that_does_not_fit_is_told_and_left(open_page: Callable[..., Page], address: Any) -> None:

@@ -16,11 +16,10 @@ export function slider(spec, changed) {
     type: "number", min: shown(spec.low), max: shown(spec.high), step: "any",
     "aria-label": `${spec.label}${spec.unit ? `, ${spec.unit}` : ""}, as a number`,
   });
-  const ratio = Math.log(spec.high / spec.low);
   let now = spec.start;
   const show = (value, exact) => {
     now = value;
-    range.value = spec.log ? (200 * Math.log(value / spec.low)) / ratio : shown(value);
+    range.value = spec.log ? (200 * Math.log(value / spec.low)) / Math.log(spec.high / spec.low) : shown(value);
     range.setAttribute("aria-valuetext", `${shown(value)} ${spec.unit}`);
     if (!exact) number.value = shown(value);
   };
@@ -36,7 +35,7 @@ export function slider(spec, changed) {
   };
   range.addEventListener("input", () => {
     const at = Number(range.value);
-    take(spec.log ? Number((spec.low * Math.exp((at / 200) * ratio)).toPrecision(3)) : snapped(at / spec.scale));
+    take(spec.log ? Number((spec.low * (spec.high / spec.low) ** (at / 200)).toPrecision(3)) : snapped(at / spec.scale));
   });
   // With step "any" the keys would move by a hundredth of the range, off the grid.
   if (!spec.log) range.addEventListener("keydown", (event) => {
@@ -51,10 +50,16 @@ export function slider(spec, changed) {
     if (number.value === "" || !Number.isFinite(typed)) show(now);
     else take(Number((typed / spec.scale).toPrecision(9)));
   });
+  /** Other limits, step and value; a number that is being typed stays. */
+  const limit = (other) => {
+    spec = { ...spec, ...other };
+    for (const each of spec.log ? [number] : [number, range]) Object.assign(each, { min: shown(spec.low), max: shown(spec.high) });
+    show(spec.start, document.activeElement === number && number.value !== String(shown(now)));
+  };
   show(spec.start);
   const element = html("div", { class: "slider" },
     html("label", { for: id }, spec.label), html("span", { class: "number" }, number, spec.unit), range);
-  return { element, set: show, step };
+  return { element, set: show, limit, step };
 }
 
 /** A list to choose from. */

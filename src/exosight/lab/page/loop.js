@@ -25,6 +25,7 @@ export function loop(about, view, seen, problem) {
   const measured = (step) => step.reading?.estimates[settings().sensor]?.value;
   const changed = () => document.dispatchEvent(new CustomEvent("changed"));
   const target = html("div", {});
+  let targetSlider = null;
   const start = html("button", { type: "submit", class: "main" }, "Run");
 
   function list(label, options, key, then = () => {}) {
@@ -33,7 +34,7 @@ export function loop(about, view, seen, problem) {
 
   function build() {
     const names = (each) => each.map((name) => ({ name, label: name }));
-    const another = () => { chosen.target = null; untilRun(); aim(); };
+    const another = () => { chosen.target = null; untilRun(); offerTarget(); aim(); };
     const gain = slider({ ...about.run.gain, start: chosen.gain }, (to) => { chosen.gain = to; changed(); });
     const offer = () => { gain.element.hidden = chosen.law !== "proportional"; };
     by("loop-settings").replaceChildren(
@@ -45,9 +46,12 @@ export function loop(about, view, seen, problem) {
     offerTarget();
   }
 
+  const targetLimits = () => ({ ...targets, start: chosen.target ?? targets.start });
+
   function offerTarget() {
-    const spec = { ...targets, start: chosen.target ?? targets.start, label: `Target ${chosen.sensor}`, unit: unitOf(chosen.sensor) };
-    target.replaceChildren(slider(spec, (to) => { chosen.target = to; changed(); }).element);
+    const spec = { ...targetLimits(), label: `Target ${chosen.sensor}`, unit: unitOf(chosen.sensor) };
+    targetSlider = slider(spec, (to) => { chosen.target = to; changed(); });
+    target.replaceChildren(targetSlider.element);
   }
 
   /** Between which limits the target may lie: the path of the sensor over the channel tells. */
@@ -61,7 +65,7 @@ export function loop(about, view, seen, problem) {
       targets = { ...about.run.target, ...(await ask("/api/path", asked, aiming.signal)).target };
       aimed = key;
       if (chosen.target < targets.low || chosen.target > targets.high) chosen.target = null;
-      offerTarget();
+      targetSlider.limit(targetLimits());
     } catch (error) {
       if (error.name !== "AbortError") problem(error.message);
     }
