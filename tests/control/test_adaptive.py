@@ -53,7 +53,7 @@ def test_it_settles_on_a_plant_that_it_was_not_tuned_for(s: float, d: float, lat
 def test_no_state_is_left_because_of_one_frame():
     for spoilt in (
         Measurement(),
-        Measurement(picture(0), reading(0.9)),
+        Measurement(picture(0), reading(0.05)),
         Measurement(picture(1), reading(0.3, ood_score=9)),
     ):
         bench = Bench()
@@ -65,6 +65,35 @@ def test_no_state_is_left_because_of_one_frame():
         assert bench.adaptive.log == []
         # Its own prediction, not that frame, says where to go.
         assert bench.u[-1] == pytest.approx(before, abs=0.05)
+
+
+def test_one_frame_that_reads_too_much_lowers_u_until_the_next():
+    for force in (0.45, 0.9):  # as long as it is alone, neither it nor the observer is known to be wrong
+        bench = Bench()
+        for _ in range(8):
+            bench.step()
+        before = bench.u[-1]
+        bench.step(Measurement(picture(0), reading(force)))
+        assert before - CONFIG.step - ROUND_OFF <= bench.u[-1] < before - 0.2
+        assert bench.adaptive.log == []
+        for _ in range(2):
+            bench.step()
+        assert bench.u[-1] == pytest.approx(before, abs=0.05)
+
+
+def test_a_first_frame_that_reads_too_little_leads_to_little_more_force_alone():
+    """It is older than it says, as one that is sent a second time when the first one was lost."""
+    bench = Bench()
+    for _ in range(2):
+        bench.step(Measurement())
+    now, missing = bench.u[-1], 0.8
+    bench.step(Measurement(picture(7), reading(SLOPE * (now - missing)), commands=np.array([now])))
+    bench.step(Measurement())
+    right = TARGET / SLOPE
+    assert bench.u[-1] < right + 0.2 * missing  # all of that if it were believed
+    for _ in range(4):
+        bench.step()
+    assert bench.u[-1] == pytest.approx(right, abs=0.05)
 
 
 def test_a_frame_that_comes_again_as_a_new_one_is_not_taken_in():
@@ -108,9 +137,7 @@ def test_frames_that_do_not_fit_are_no_frames():
     for _ in range(8):
         bench.step()
     for k in range(30):
-        bench.step(
-            Measurement(picture(k), reading(0.45 if k % 2 else 0.01), commands=np.array([bench.u[-1]]))
-        )
+        bench.step(Measurement(picture(k), reading(0.48 if k % 2 else 0.3), commands=np.array([bench.u[-1]])))
     assert State.RELEASE in [entry.after for entry in bench.adaptive.log]
     assert not any(entry.after is State.NORMAL for entry in bench.adaptive.log)
 

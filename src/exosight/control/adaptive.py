@@ -11,11 +11,19 @@ A frame that is lost, spoilt or an outlier costs nothing but time: no state is l
 more authority it goes after two frames in a row that the observer took in; out of RELEASE after five, at
 u = 0. Whatever happens, u is limited in amplitude and rate, and without frames it is 0 after 2.2 s and
 u_max divided by the rate. A target of 0 needs no frame: u goes to 0.
+
+No single frame leads to more force alone. Where the last frame, or the state before it, asks for less than
+the observer, u is the lower one until a frame agrees: a frame that is sent twice, the second time as a new
+one, reads too little for its age, and nothing tells if the first one was lost. An output that is read beyond
+its limit lowers u also where the observer takes the frame for an outlier. Loading is slow where the force
+that it leads to is not well known.
 """
 
+import math
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass as configuration
 
@@ -27,6 +35,7 @@ from exosight.control.scheduled import RELEASED
 from exosight.errors import InputError
 
 _LEVEL = 3.29  # width of the 90 % interval of a normal distribution in standard deviations
+_NOISE = 2.0  # standard deviations by which a noisy frame may read too much
 _OVERLOADS = 2  # frames in a row: a single one may be noise
 
 
@@ -90,6 +99,8 @@ class Adaptive:
         self.log = []
         self._steps = self._good = self._over = 0
         self._found = Measurement()
+        self._bound = math.inf  # of u, by the outputs that the last frame read
+        self._doubt = 0.0  # by how much u is lower than the observer has it
         self._behind = 0  # steps from the observer's state to the coming command
         self._unseen = 0  # the same from the last frame that it took in
 
@@ -155,11 +166,37 @@ class Adaptive:
         width = float(((reading.high - reading.low)[0] * config.weights).sum())
         self.observer.advance(self._behind - late)
         self._behind = late
-        if self.observer.update(self._frames.command_of(found), outputs, width / _LEVEL):
+        u = self._frames.command_of(found)
+        before, _ = self.observer.ahead(0)
+        noise = math.sqrt(self.observer.scatter(u, outputs))
+        if self.observer.update(u, outputs, width / _LEVEL):
             self._good, self._unseen = self._good + 1, late
         else:
             self._good = 0
             self.problem = Problem("an outlier", "look at the pictures of this moment")
+        self._bound = self._bound_by(u, outputs)
+        self._doubt = self._doubted(before, u, config.sum(outputs) - _NOISE * noise)
+
+    def _bound_by(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
+        """The largest command by what was read under u: lower, as far as some output is beyond its limit."""
+        excess = float((outputs - self.config.output_limits).max())
+        return u - self.config.largest_gain * excess if excess > 0 else math.inf
+
+    def _doubted(self, before: Float[np.ndarray, "3"], u: float, measured: float) -> float:
+        """By how much the coming commands are lower than the observer would have them.
+
+        They are those of the lowest d out of three: the observer's, its own before this frame, and that which
+        this frame alone says; a difference of half of what plants differ by is not counted.
+
+        before    (log s, d, ḋ) before the observer was given the frame
+        measured  the least that the controlled sensor reads under u, by the frame
+        """
+        now, _ = self.observer.ahead(0)
+        alone = math.inf  # where nothing presses the path has no inverse
+        if measured >= RELEASED:
+            alone = float(self.observer.shifts_of(now, np.array([u]), np.array([measured]))[0])
+        usual = self.adaptive.observer.shift * abs(self.config.driven.peak) / 2
+        return max(float(now[1]) - min(float(before[1]), alone) - usual, 0.0)
 
     def _decide(self) -> None:
         """Authority, by what is known of the present."""
@@ -199,18 +236,19 @@ class Adaptive:
         if target < RELEASED:
             return self._release(u, found)
         config, ahead = self.config, self._behind
-        largest = max(self.observer.largest(ahead), 0.0)
+        largest = min(max(self.observer.largest(ahead) - self._doubt, 0.0), self._bound)
         if self.state is State.HOLD:
             return min(u, largest)
-        wanted = min(self._aim(config.reachable(target), ahead), largest)
-        if self.problem is None:
-            outputs = found.reading.forces[0].astype(float)
-            excess = float((outputs - config.output_limits).max())
-            if excess > 0:
-                wanted = min(wanted, self._frames.command_of(found) - config.largest_gain * excess)
-        if self.state is State.SLOW and wanted > max(u, 0.0):
-            wanted = u + self.adaptive.authority.slow * (min(wanted, u + config.step) - u)
+        wanted = min(self._aim(config.reachable(target), ahead) - self._doubt, largest)
+        there = min(wanted, u + config.step)
+        if wanted > max(u, 0.0) and (self.state is State.SLOW or self._is_uncertain(there)):
+            wanted = u + self.adaptive.authority.slow * (there - u)
         return wanted
+
+    def _is_uncertain(self, u: float) -> bool:
+        """Whether the force under u is known too little to load as fast as usual."""
+        known = self.observer.predict(u, self._behind)
+        return known.deviation > self.adaptive.authority.slow_deviation * self._largest
 
     def _aim(self, target: float, ahead: int) -> float:
         """The command at which the sensor reads the target, so many steps after the last frame."""
