@@ -1,7 +1,8 @@
 """Pictures of a loop under stress, for the network of the loop to learn from: other wearers, users who move,
-cameras that are displaced; commands that wander over their range.
+cameras that are displaced; commands that wander over their range. Every other 64 episodes have the friction
+and the creep of the second suite.
 
-    python -m benchmarks.control_data FOLDER --episodes 2048 --seed 1000
+    python -m benchmarks.control_data FOLDER --episodes 4096 --seed 1000
 
 writes `frames.npz` with pictures, readings of all sensors, commands and the number of the episode.
 """
@@ -12,18 +13,19 @@ from pathlib import Path
 
 import numpy as np
 
-from exosight.control.batch import BatchPlant, Joints
+from exosight.control.batch import Joints
 from exosight.control.paths import ControllerConfig
 from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import Episode, draw_episode
 from exosight.control.stress.plants import stress_plants
+from exosight.control.stress.suite import solved
 from exosight.exosuit.catalogue import find_system
 from exosight.exosuit.published import PublishedDesigns
 from exosight.system.camera import Camera
 
 _TOGETHER = 64
 _KNOT = 5  # steps from one level of u to the next
-_CALM = StressConfig(bursts=0)
+_SUITES = StressConfig(suite=1, bursts=0), StressConfig(suite=2, bursts=0)
 
 
 def wandering(rng: np.random.Generator, steps: int, limits: ControllerConfig) -> np.ndarray:
@@ -49,7 +51,7 @@ def displaced(camera: Camera, rng: np.random.Generator) -> Camera:
 
 def frames(episodes: list[Episode], limits: ControllerConfig, seed: int) -> dict[str, np.ndarray]:
     """Of every step of the episodes: picture, readings, u."""
-    plant = BatchPlant([episode.system for episode in episodes])
+    plant = solved(episodes)
     steps = len(episodes[0].target)
     rngs = [np.random.default_rng([seed, number]) for number in range(len(episodes))]
     u = np.stack([wandering(rng, steps, limits) for rng in rngs])
@@ -78,7 +80,7 @@ def main() -> None:
     """Simulate and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--episodes", type=int, default=2048)
+    parser.add_argument("--episodes", type=int, default=4096)
     parser.add_argument("--seed", type=int, default=1000)
     asked = parser.parse_args()
     designs = find_system("index")
@@ -88,7 +90,8 @@ def main() -> None:
     for start in range(0, asked.episodes, _TOGETHER):
         # The user moves in episodes of even numbers.
         numbers = range(start, min(start + _TOGETHER, asked.episodes))
-        episodes = [draw_episode(_CALM, asked.seed, 2 * number, plants) for number in numbers]
+        suite = _SUITES[start // _TOGETHER % 2]
+        episodes = [draw_episode(suite, asked.seed, 2 * number, plants) for number in numbers]
         part = frames(episodes, plants.limits, asked.seed + start)
         parts.append({**part, "episode": part["episode"] + start})
         print(start + len(episodes), sum(len(p["images"]) for p in parts), flush=True)
