@@ -1,8 +1,9 @@
 """Pictures of a loop under stress, for the network of the loop to learn from: other wearers, users who move,
-cameras that are displaced; commands that wander over their range. Every other 64 episodes have the friction
-and the creep of the second suite.
+cameras that are displaced; commands that wander over their range.
 
-    python -m benchmarks.control_data FOLDER --episodes 4096 --seed 1000
+    python -m benchmarks.control_data FOLDER --episodes 2048 --seed 1000
+
+With `--suites 1 2` every other 64 episodes have the friction and the creep of the second suite.
 
 writes `frames.npz` with pictures, readings of all sensors, commands and the number of the episode.
 """
@@ -25,7 +26,6 @@ from exosight.system.camera import Camera
 
 _TOGETHER = 64
 _KNOT = 5  # steps from one level of u to the next
-_SUITES = StressConfig(suite=1, bursts=0), StressConfig(suite=2, bursts=0)
 
 
 def wandering(rng: np.random.Generator, steps: int, limits: ControllerConfig) -> np.ndarray:
@@ -80,8 +80,9 @@ def main() -> None:
     """Simulate and write."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--episodes", type=int, default=4096)
+    parser.add_argument("--episodes", type=int, default=2048)
     parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument("--suites", type=int, nargs="+", choices=(1, 2), default=(1,))
     asked = parser.parse_args()
     designs = find_system("index")
     assert isinstance(designs, PublishedDesigns)
@@ -90,8 +91,9 @@ def main() -> None:
     for start in range(0, asked.episodes, _TOGETHER):
         # The user moves in episodes of even numbers.
         numbers = range(start, min(start + _TOGETHER, asked.episodes))
-        suite = _SUITES[start // _TOGETHER % 2]
-        episodes = [draw_episode(suite, asked.seed, 2 * number, plants) for number in numbers]
+        suite = asked.suites[start // _TOGETHER % len(asked.suites)]
+        config = StressConfig(suite=suite, bursts=0)
+        episodes = [draw_episode(config, asked.seed, 2 * number, plants) for number in numbers]
         part = frames(episodes, plants.limits, asked.seed + start)
         parts.append({**part, "episode": part["episode"] + start})
         print(start + len(episodes), sum(len(p["images"]) for p in parts), flush=True)
