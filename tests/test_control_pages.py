@@ -121,3 +121,5 @@ def test_of_very_many_episodes_none_is_late_unrecovered_or_commanded_beyond_limi
         assert each["episodes"] >= 100_000
         assert each["late"] == each["unrecovered"] == each["commands_outside"] == 0
         assert each["outside_contact_limit"] < 0.003 * each["episodes"]
+    adaptive = found["controllers"]["adaptive"]
+    assert adaptive["outside_contact_limit"] <= 1e-4 * adaptive["episodes"]
