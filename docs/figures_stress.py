@@ -12,7 +12,7 @@ stress_index2_true.json, stress_index2_image.json  the same, --suite 2
 stress_index_latency.json  --controllers oracle adaptive --model index-control --latency 0.1 0.1
                            --dropped 0.1 0.1 --repeated 0 0 --bursts 0 --no-wrong-plant --no-wrong-camera
                            --no-moving-user
-stress_index_learned.json, stress_index_learned_image.json  --controllers adaptive learned
+stress_index_learned.json, stress_index_learned_image.json  --controllers oracle adaptive learned
 stress_index_unguarded.json  --controllers adaptive learned unguarded --episodes 200
 
 many_episodes.json  python -m benchmarks.many_episodes docs/results/many_episodes.json --suite 1

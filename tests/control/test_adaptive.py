@@ -34,6 +34,10 @@ class Bench:
         self.forces.append(max(self.s * SLOPE * (u - self.d), 0.0))
         return u
 
+    def repeat(self, times: int, measurement: object = None, target: float = TARGET) -> None:
+        for _ in range(times):
+            self.step(measurement, target)
+
     @property
     def state(self) -> State:
         return self.adaptive.state
@@ -43,8 +47,7 @@ class Bench:
 @pytest.mark.parametrize(("s", "d"), [(1.0, 0.0), (1.2, 0.1), (0.8, -0.2), (0.9, 0.4)])
 def test_it_settles_on_a_plant_that_it_was_not_tuned_for(s: float, d: float, late: int):
     bench = Bench(s, d, late)
-    for _ in range(20):
-        bench.step()
+    bench.repeat(20)
     # The path to the target is three steps; then a frame has to come, and another for what is left.
     assert np.abs(np.array(bench.forces[6 + 2 * late :]) - TARGET).max() < 0.05 * TARGET
     assert bench.state is State.NORMAL
@@ -57,8 +60,7 @@ def test_no_state_is_left_because_of_one_frame():
         Measurement(picture(1), reading(0.3, ood_score=9)),
     ):
         bench = Bench()
-        for _ in range(8):
-            bench.step()
+        bench.repeat(8)
         before = bench.u[-1]
         bench.step(spoilt)
         assert bench.state is State.NORMAL
@@ -70,37 +72,32 @@ def test_no_state_is_left_because_of_one_frame():
 def test_one_frame_that_reads_too_much_lowers_u_until_the_next():
     for force in (0.45, 0.9):  # as long as it is alone, neither it nor the observer is known to be wrong
         bench = Bench()
-        for _ in range(8):
-            bench.step()
+        bench.repeat(8)
         before = bench.u[-1]
         bench.step(Measurement(picture(0), reading(force)))
         assert before - CONFIG.step - ROUND_OFF <= bench.u[-1] < before - 0.2
         assert bench.adaptive.log == []
-        for _ in range(2):
-            bench.step()
+        bench.repeat(2)
         assert bench.u[-1] == pytest.approx(before, abs=0.05)
 
 
 def test_a_first_frame_that_reads_too_little_leads_to_little_more_force_alone():
     """It is older than it says, as one that is sent a second time when the first one was lost."""
     bench = Bench()
-    for _ in range(2):
-        bench.step(Measurement())
+    bench.repeat(2, Measurement())
     now, missing = bench.u[-1], 0.8
     bench.step(Measurement(picture(7), reading(SLOPE * (now - missing)), commands=np.array([now])))
     bench.step(Measurement())
     right = TARGET / SLOPE
     assert bench.u[-1] < right + 0.2 * missing  # all of that if it were believed
-    for _ in range(4):
-        bench.step()
+    bench.repeat(4)
     assert bench.u[-1] == pytest.approx(right, abs=0.05)
 
 
 def test_a_frame_that_comes_again_as_a_new_one_is_not_taken_in():
     """Its reading belongs to another moment and u; when it comes a third time, nothing has changed."""
     bench = Bench()
-    for _ in range(8):
-        bench.step()
+    bench.repeat(8)
     last = len(bench.u) - 2
     again = Measurement(picture(last), reading(bench.forces[last] + 0.005), 0.0, np.array([bench.u[-1]]))
     before = bench.adaptive.observer.state
@@ -114,8 +111,7 @@ def test_a_frame_that_comes_again_as_a_new_one_is_not_taken_in():
 
 def test_without_frames_authority_goes_step_by_step():
     bench = Bench()
-    for _ in range(8):
-        bench.step()
+    bench.repeat(8)
     states = []
     for _ in range(30):
         bench.step(Measurement())
@@ -123,19 +119,16 @@ def test_without_frames_authority_goes_step_by_step():
     # The last frame showed the step before: at the k-th step without one it is k + 1 periods old.
     assert [states.index(s) + 2 for s in (State.SLOW, State.HOLD, State.RELEASE)] == [7, 13, 23]
     assert bench.u[-1] == 0.0
-    for _ in range(5):
-        bench.step()
+    bench.repeat(5)
     assert bench.state is State.SLOW
-    for _ in range(10):
-        bench.step()
+    bench.repeat(10)
     assert bench.state is State.NORMAL
 
 
 def test_frames_that_do_not_fit_are_no_frames():
     """Readings that jump to and fro, each an outlier: authority goes as if none came."""
     bench = Bench()
-    for _ in range(8):
-        bench.step()
+    bench.repeat(8)
     for k in range(30):
         bench.step(Measurement(picture(k), reading(0.48 if k % 2 else 0.3), commands=np.array([bench.u[-1]])))
     assert State.RELEASE in [entry.after for entry in bench.adaptive.log]
@@ -144,18 +137,15 @@ def test_frames_that_do_not_fit_are_no_frames():
 
 def test_a_long_pause_is_taken_in_at_once():
     bench = Bench()
-    for _ in range(8):
-        bench.step()
+    bench.repeat(8)
     assert bench.adaptive.step(TARGET, Measurement(), missed=10**9) < bench.u[-1]
     assert bench.state is State.RELEASE
 
 
 def test_it_loads_slowly_on_predictions_and_unloads_at_once():
     bench = Bench()
-    for _ in range(8):
-        bench.step(target=0.1)
-    for _ in range(6):
-        bench.step(Measurement(), target=0.1)
+    bench.repeat(8, target=0.1)
+    bench.repeat(6, Measurement(), target=0.1)
     before = bench.u[-1]
     assert bench.state is State.SLOW
     assert bench.step(Measurement(), target=0.3) == pytest.approx(before + 0.25, abs=1e-9)  # of 1 N a step
@@ -164,27 +154,22 @@ def test_it_loads_slowly_on_predictions_and_unloads_at_once():
 
 def test_a_target_of_nothing_needs_no_frame():
     bench = Bench()
-    for _ in range(8):
-        bench.step()
-    for _ in range(4):
-        bench.step(Measurement(), target=0.0)
+    bench.repeat(8)
+    bench.repeat(4, Measurement(), target=0.0)
     assert bench.u[-1] == 0.0
 
 
 def test_what_presses_at_rest_is_pulled_off():
     bench = Bench(d=-0.5)  # 0.05 N at u = 0
-    for _ in range(8):
-        bench.step()
-    for _ in range(8):
-        bench.step(target=0.0)
+    bench.repeat(8)
+    bench.repeat(8, target=0.0)
     assert min(bench.forces[-8:]) < 0.005
     assert min(bench.u) >= CONFIG.u_min
 
 
 def test_two_frames_far_beyond_a_limit_release():
     bench = Bench()
-    for _ in range(8):
-        bench.step()
+    bench.repeat(8)
     bench.step(Measurement(picture(0), reading(0.55)))
     assert bench.state is State.NORMAL
     bench.step(Measurement(picture(1), reading(0.55)))
@@ -221,8 +206,7 @@ def test_blinded_for_good_it_ends_at_no_actuation_in_a_stated_time(steps):
 
 def test_reset_forgets_and_a_target_that_is_no_number_is_refused():
     bench = Bench()
-    for _ in range(30):
-        bench.step(Measurement())
+    bench.repeat(30, Measurement())
     bench.adaptive.reset()
     assert (bench.adaptive.state, bench.adaptive.log) == (State.NORMAL, [])
     np.testing.assert_array_equal(bench.adaptive.observer.state, [1.0, 0.0, 0.0])

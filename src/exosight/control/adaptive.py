@@ -29,7 +29,7 @@ from pydantic.dataclasses import dataclass as configuration
 
 from exosight.control.frame_check import FrameCheck, GuardConfig, Measurement, Problem
 from exosight.control.guard import State, Transition
-from exosight.control.observer import Observer, ObserverConfig
+from exosight.control.observer import Observer, ObserverConfig, Prediction
 from exosight.control.paths import ControllerConfig, limited
 from exosight.control.scheduled import RELEASED
 from exosight.errors import InputError
@@ -167,7 +167,7 @@ class Adaptive:
         self.observer.advance(self._behind - late)
         self._behind = late
         u = self._frames.command_of(found)
-        before, _ = self.observer.ahead(0)
+        before = float(self.observer.state[1])
         noise = math.sqrt(self.observer.scatter(u, outputs))
         if self.observer.update(u, outputs, width / _LEVEL):
             self._good, self._unseen = self._good + 1, late
@@ -182,13 +182,13 @@ class Adaptive:
         excess = float((outputs - self.config.output_limits).max())
         return u - self.config.largest_gain * excess if excess > 0 else math.inf
 
-    def _doubted(self, before: Float[np.ndarray, "3"], u: float, measured: float) -> float:
+    def _doubted(self, before: float, u: float, measured: float) -> float:
         """By how much the coming commands are lower than the observer would have them.
 
         They are those of the lowest d out of three: the observer's, its own before this frame, and that which
         this frame alone says; a difference of half of what plants differ by is not counted.
 
-        before    (log s, d, ḋ) before the observer was given the frame
+        before    d before the observer was given the frame [the channel's unit]
         measured  the least that the controlled sensor reads under u, by the frame
         """
         now, _ = self.observer.ahead(0)
@@ -196,7 +196,7 @@ class Adaptive:
         if measured >= RELEASED:
             alone = float(self.observer.shifts_of(now, np.array([u]), np.array([measured]))[0])
         usual = self.adaptive.observer.shift * abs(self.config.driven.peak) / 2
-        return max(float(now[1]) - min(float(before[1]), alone) - usual, 0.0)
+        return max(float(now[1]) - min(before, alone) - usual, 0.0)
 
     def _decide(self) -> None:
         """Authority, by what is known of the present."""
@@ -215,7 +215,7 @@ class Adaptive:
         unit = self.config.controlled.unit
         if unseen > limits.slow_seconds + _ROUND_OFF:
             asked, cause = State.SLOW, f"no frame for {unseen:.1f} s"
-        elif known.deviation > limits.slow_deviation * self._largest:
+        elif self._is_uncertain(known):
             asked, cause = State.SLOW, f"a force known to {known.deviation:.3f} {unit}"
         else:
             asked, cause = State.NORMAL, f"{self._good} frames in a row"
@@ -241,13 +241,14 @@ class Adaptive:
             return min(u, largest)
         wanted = min(self._aim(config.reachable(target), ahead) - self._doubt, largest)
         there = min(wanted, u + config.step)
-        if wanted > max(u, 0.0) and (self.state is State.SLOW or self._is_uncertain(there)):
+        if wanted > max(u, 0.0) and (
+            self.state is State.SLOW or self._is_uncertain(self.observer.predict(there, ahead))
+        ):
             wanted = u + self.adaptive.authority.slow * (there - u)
         return wanted
 
-    def _is_uncertain(self, u: float) -> bool:
-        """Whether the force under u is known too little to load as fast as usual."""
-        known = self.observer.predict(u, self._behind)
+    def _is_uncertain(self, known: Prediction) -> bool:
+        """Whether a force is known too little to load as fast as usual."""
         return known.deviation > self.adaptive.authority.slow_deviation * self._largest
 
     def _aim(self, target: float, ahead: int) -> float:
