@@ -4,9 +4,9 @@
     python -m benchmarks.control_network FOLDER
 
 writes `FOLDER/run/model.onnx`: it takes u beside the picture. It starts from the network that comes with the
-package for `index`. First the two layers behind the convolutions learn anew, with u, from what these make of
-every picture (computed once, in a minute or two); then all learn for some epochs. Every tenth episode is kept
-for validation and calibration.
+package for `index`, or from another one (`--start`). Where that does not take u, the two layers behind the
+convolutions learn anew first, with u, from what these make of every picture (computed once, in a minute or
+two); then all learn for some epochs. Every tenth episode is kept for validation and calibration.
 """
 
 import argparse
@@ -20,7 +20,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from exosight.control.estimator import SHIPPED_MODELS
+from exosight.control.estimator import model_path
 from exosight.exosuit.catalogue import nominal_system
 from exosight.learning import Pretrained, TrainConfig, TrainingData, export_onnx, load_pretrained, train
 from exosight.learning.augmentation import augment_batch
@@ -113,25 +113,17 @@ def learn(network: Network, seen: Tensor, data: TrainingData, first: Pretrained,
             print(f"epoch {epoch + 1}: F_net RMSE {1e3 * error.square().mean().sqrt():.1f} mN", flush=True)
 
 
-def main() -> None:
-    """Train and export."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--head-epochs", type=int, default=30, help="of the last two layers")
-    parser.add_argument("--epochs", type=int, default=6, help="of all layers")
-    asked = parser.parse_args()
-    torch.set_num_threads(1)
-    data, first = learned(asked.folder), load_pretrained(SHIPPED_MODELS["index"])
+def with_commands(first: Pretrained, data: TrainingData, cache: Path, epochs: int) -> Pretrained:
+    """The same convolutions, with layers behind them that have learned to use u."""
     assert data.commands is not None
     assert data.auxiliary is not None
     network = build_network("light", data.schema, data.auxiliary.shape[1], _SEED, actuation=True)
     rows = data.train_index[:: len(data.train_index) // 256]
     shown = torch.from_numpy(data.images[rows, None].astype(np.float32) / 255)
     unfold(first, network, shown, torch.from_numpy(data.commands[rows]))
-    cache = asked.folder / "features.pt"
     if not cache.exists():
         torch.save(features(network.eval(), data), cache)
-    learn(network, torch.load(cache), data, first, asked.head_epochs)
+    learn(network, torch.load(cache), data, first, epochs)
     head = {
         name: tensor.detach()
         for name, tensor in network.state_dict().items()
@@ -140,10 +132,25 @@ def main() -> None:
     kept_layers = {
         n: w for n, w in first.weights.items() if int(n.split(".")[0]) < len(list(network)) - _HEAD
     }
-    begun = replace(first, card=replace(first.card, actuation=True), weights=kept_layers | head)
+    return replace(first, card=replace(first.card, actuation=True), weights=kept_layers | head)
+
+
+def main() -> None:
+    """Train and export."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--start", type=Path, help="a network or its name; default: the one of index")
+    parser.add_argument("--head-epochs", type=int, default=30, help="of the last two layers")
+    parser.add_argument("--epochs", type=int, default=6, help="of all layers")
+    asked = parser.parse_args()
+    torch.set_num_threads(1)
+    data, first = learned(asked.folder), load_pretrained(model_path(asked.start, "index"))
+    assert data.commands is not None
+    if not first.card.actuation:
+        first = with_commands(first, data, asked.folder / "features.pt", asked.head_epochs)
     run, kept = asked.folder / "run", data.validation_index
     config = TrainConfig(epochs=asked.epochs, actuation=True, threads=1, device="cpu")
-    train(config, data, run, pretrained=begun)
+    train(config, data, run, pretrained=first)
     export_onnx(
         run, run / "model.onnx", data.images[kept], data.labels[kept], ModelInputs(None, data.commands[kept])
     )
