@@ -148,8 +148,8 @@ def test_it_loads_slowly_on_predictions_and_unloads_at_once():
     bench.repeat(6, Measurement(), target=0.1)
     before = bench.u[-1]
     assert bench.state is State.SLOW
-    assert bench.step(Measurement(), target=0.3) == pytest.approx(before + 0.25, abs=1e-9)  # of 1 N a step
-    assert bench.step(Measurement(), target=0.05) == pytest.approx(bench.u[-2] - 0.75, abs=0.05)
+    assert bench.step(Measurement(), target=0.3) == pytest.approx(before + 0.5, abs=1e-9)  # of 1 N a step
+    assert bench.step(Measurement(), target=0.05) == pytest.approx(bench.u[-2] - 1.0, abs=0.05)
 
 
 def test_a_target_of_nothing_needs_no_frame():

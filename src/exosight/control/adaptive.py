@@ -2,7 +2,7 @@
 
     authority  u                                              while the last frame that was taken in is
     NORMAL     to where the observer has the target           at most 0.6 s old, and the force is known
-    SLOW       loads at a quarter of that, on the prediction  at most 1.2 s old
+    SLOW       loads at half of that, on the prediction       at most 1.2 s old
     HOLD       stays, or unloads to within the limits         at most 2.2 s old
     RELEASE    → 0 at the full rate, open loop                older, or an output is beyond its limit by a
                                                               quarter in two frames
@@ -49,10 +49,10 @@ class AuthorityConfig:
     """time after which u stays [s]"""
     release_seconds: Annotated[float, Field(gt=0, le=10)] = 2.2
     """time after which it is released [s]"""
-    slow_deviation: Annotated[float, Field(gt=0, le=1)] = 0.2
+    slow_deviation: Annotated[float, Field(gt=0, le=1)] = 0.06
     """standard deviation of the controlled sensor from which loading slows down, as a share of its largest
     reading on the path [-]"""
-    slow: Annotated[float, Field(gt=0, le=1)] = 0.25
+    slow: Annotated[float, Field(gt=0, le=1)] = 0.5
     """share of the step that SLOW lets load"""
     frames_up: Annotated[int, Field(ge=1, le=100)] = 2
     """frames in a row that lead to more authority"""
