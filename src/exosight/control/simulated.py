@@ -5,7 +5,6 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float, UInt8
 
@@ -92,12 +91,12 @@ class SimulatedPlant:
         q = np.array(point.q)
         history = tuple(np.array(memory) for memory in point.history)
         of_one = tuple(memory[None, None] for memory in history)
-        seen = jax.device_get(self._observe(q[None, None], of_one))
+        seen = self._observe(q[None, None], of_one)
         return Observation(
             schema=self.schema,
             commands=np.array(point.commands),
-            image=self._image({name: axis[0] for name, axis in seen.axes.items()}),
-            readings=seen.readings[0, 0],
+            image=self._image({name: np.asarray(axis)[0] for name, axis in seen.axes.items()}),
+            readings=np.asarray(seen.readings)[0, 0],
             q=q,
             converged=self._converged,
             min_eigenvalue=point.min_eigenvalue,

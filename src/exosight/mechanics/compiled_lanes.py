@@ -38,15 +38,16 @@ class Common(NamedTuple):
     channels: int
     memories: tuple[tuple[int, ...], ...]
 
-    def leaves(self, arrays: Float[AnyArray, "*robots numbers"]) -> list[AnyArray]:
-        """The arrays of robots, from all numbers of each one after the other."""
-        ends = np.cumsum([int(np.prod(shape)) for shape, _ in self.kinds])
-        split: Any = np.split if isinstance(arrays, np.ndarray) else jnp.split
-        parts = split(arrays, ends[:-1].tolist(), axis=-1)
-        return [
-            part.reshape(*arrays.shape[:-1], *shape).astype(kind)
-            for part, (shape, kind) in zip(parts, self.kinds, strict=True)
-        ]
+
+def leaves_of(kinds: Kinds, arrays: Float[AnyArray, "*robots numbers"]) -> list[AnyArray]:
+    """The arrays of robots, from all numbers of each one after the other."""
+    ends = np.cumsum([int(np.prod(shape)) for shape, _ in kinds])
+    split: Any = np.split if isinstance(arrays, np.ndarray) else jnp.split
+    parts = split(arrays, ends[:-1].tolist(), axis=-1)
+    return [
+        part.reshape(*arrays.shape[:-1], *shape).astype(kind)
+        for part, (shape, kind) in zip(parts, kinds, strict=True)
+    ]
 
 
 class Robots(NamedTuple):
@@ -130,7 +131,7 @@ def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
     """For robots that have this in common, by their program or by XLA, and so many loads at a time."""
 
     def robot_of(arrays: AnyArray) -> Any:
-        return jax.tree.unflatten(common.structure, common.leaves(arrays))
+        return jax.tree.unflatten(common.structure, leaves_of(common.kinds, arrays))
 
     def of_robot(arrays: AnyArray) -> Robots:
         robot = robot_of(arrays)

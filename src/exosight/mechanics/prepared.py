@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from exosight.mechanics.compiled_lanes import Common, Compiled, Rows, compiled
+from exosight.mechanics.compiled_lanes import Common, Compiled, Rows, compiled, leaves_of
 from exosight.mechanics.known_numbers import known_numbers
 from exosight.mechanics.path_step import program_of
 
@@ -36,7 +36,7 @@ class Prepared:
     ) -> None:
         self.common, self.settings, self.arrays = common, settings, arrays
         shapes = tuple(shape for shape, _ in common.kinds)
-        known = known_numbers(common.structure, list(map(np.asarray, common.leaves(arrays))))
+        known = known_numbers(common.structure, list(map(np.asarray, leaves_of(common.kinds, arrays))))
         program = program_of(common.structure, shapes, common.channels, known) if settings.unrolled else None
         self.code: Compiled = compiled(common, program, settings.room)
         self._rows = self._prepared(arrays) if len(arrays) <= MOST else None

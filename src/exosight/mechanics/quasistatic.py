@@ -17,7 +17,7 @@ from jaxtyping import Float
 from exosight.arrays import AnyArray
 from exosight.errors import InputError
 from exosight.mechanics.batched_continuation import Kept, Snap, Solutions, solve
-from exosight.mechanics.compiled_lanes import Common, Kinds
+from exosight.mechanics.compiled_lanes import Common, Kinds, leaves_of
 from exosight.mechanics.equilibrium import Equilibria, SolverOptions
 from exosight.mechanics.lanes import Problems
 from exosight.mechanics.robot import Robot
@@ -48,8 +48,7 @@ def initial_state(robots: Robots, channels: int | None = None, options: SolverOp
 
     channels   how many load channels there are; as many as the robots' terms need by default
     """
-    leaves, structure = _flat(robots)
-    batch: Robot = jax.tree.unflatten(structure, leaves)
+    batch = _batched(_flat(robots))
     start = unstrained(batch, batch.loads if channels is None else channels)
     return advance(batch, start, np.asarray(start.loads), options)[0]
 
@@ -128,10 +127,8 @@ def _solve(
     done: Callable[[int], None] = lambda robots: None,
     kept: Kept | None = None,
 ) -> Solutions:
-    leaves, structure = _flat(robots)
-    count = len(leaves[0])
-    kinds = tuple((leaf.shape[1:], leaf.dtype) for leaf in leaves)
-    needed = _needed(structure, kinds)
+    flat = _flat(robots)
+    count, needed = len(flat.arrays), _needed(flat.structure, flat.kinds)
     loads = np.asarray(loads, dtype=float)
     if loads.ndim == 2:
         loads = np.broadcast_to(loads, (count, *loads.shape))
@@ -146,7 +143,7 @@ def _solve(
     if channels < needed.loads:
         raise InputError(f"loads: the robot's terms need {needed.loads} channels, got {channels}")
     if state is None:
-        state = unstrained(jax.tree.unflatten(structure, leaves), channels)
+        state = unstrained(_batched(flat), channels)
     q, origin = np.asarray(state.q, dtype=float), np.asarray(state.loads, dtype=float)
     for name, value, shape in (("q", q, (count, needed.dofs)), ("loads", origin, (count, channels))):
         if value.shape != shape or not np.all(np.isfinite(value)):
@@ -165,23 +162,42 @@ def _solve(
         )
     if not (options.eigenvalues or needed.energy):
         options = replace(options, eigenvalues=True)
-    common = Common(structure, kinds, needed.dofs, channels, needed.memories)
-    arrays = np.concatenate([leaf.reshape(count, -1) for leaf in leaves], axis=1, dtype=float)
-    return solve(common, arrays, Problems(q, origin, loads, history), options, done, kept)
+    common = Common(flat.structure, flat.kinds, needed.dofs, channels, needed.memories)
+    return solve(common, flat.arrays, Problems(q, origin, loads, history), options, done, kept)
 
 
-def _flat(robots: Robots) -> tuple[list[np.ndarray], Any]:
-    """The arrays of all robots with a leading axis of robots, and their structure; InputError for several."""
+class _Flat(NamedTuple):
+    """Robots of one structure as rows of numbers, see `Common`."""
+
+    arrays: Float[np.ndarray, "robots numbers"]
+    kinds: Kinds
+    structure: Any
+
+
+def _flat(robots: Robots) -> _Flat:
+    """All numbers of some robots; InputError for several structures, or none."""
     if isinstance(robots, Robot):
-        return _flattened(_Same(robots))
+        return _rows(_leaves(_Same(robots), batched=True))
     if not robots:
         raise InputError("robots: expected at least one, got none")
-    (first, structure), *others = (_flattened(_Same(robot)) for robot in robots)
-    if any(other != structure for _, other in others):
+    first, *others = (_leaves(_Same(robot), batched=False) for robot in robots)
+    if any(other.structure != first.structure or other.kinds != first.kinds for other in others):
         raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
-    if not others:  # stacking takes ten times as long as looking at them otherwise
-        return [leaf[None] for leaf in first], structure
-    return [np.stack(each) for each in zip(first, *(leaves for leaves, _ in others), strict=True)], structure
+    found = _rows(first)
+    if not others:
+        return found
+    return found._replace(arrays=np.concatenate([found.arrays, *(_rows(other).arrays for other in others)]))
+
+
+def _rows(leaves: "_Leaves") -> _Flat:
+    count = len(leaves.arrays[0])
+    numbers = [array.reshape(count, -1) for array in leaves.arrays]
+    return _Flat(np.concatenate(numbers, axis=1, dtype=float), leaves.kinds, leaves.structure)
+
+
+def _batched(flat: _Flat) -> Robot:
+    """One robot of arrays with a leading axis of robots."""
+    return jax.tree.unflatten(flat.structure, leaves_of(flat.kinds, flat.arrays))
 
 
 class _Same:
@@ -197,11 +213,20 @@ class _Same:
         return isinstance(other, _Same) and self.robot is other.robot
 
 
+class _Leaves(NamedTuple):
+    """A robot's own arrays with a leading axis of robots, their kinds without it, and its structure."""
+
+    arrays: list[np.ndarray]
+    kinds: Kinds
+    structure: Any
+
+
 @lru_cache(maxsize=256)
-def _flattened(same: _Same) -> tuple[list[np.ndarray], Any]:
-    """A robot's own arrays, and its structure; kept, as a control step asks for the same one again."""
+def _leaves(same: _Same, batched: bool) -> _Leaves:
+    """What a robot, of several or of one, is made of; kept, as a control step asks for the same one again."""
     leaves, structure = jax.tree.flatten(same.robot)
-    return [np.asarray(leaf) for leaf in leaves], structure
+    arrays = [np.asarray(leaf) if batched else np.asarray(leaf)[None] for leaf in leaves]
+    return _Leaves(arrays, tuple((array.shape[1:], array.dtype) for array in arrays), structure)
 
 
 class _Needed(NamedTuple):
