@@ -16,7 +16,8 @@ No single frame leads to more force alone. Where the last frame, or the state be
 the observer, u is the lower one until a frame agrees: a frame that is sent twice, the second time as a new
 one, reads too little for its age, and nothing tells if the first one was lost. An output that is read beyond
 its limit lowers u also where the observer takes the frame for an outlier. Loading is slow where the force
-that it leads to is not well known.
+that it leads to is not well known, or states disagree; where it is known least, it waits for a frame that was
+made under the present command.
 """
 
 import math
@@ -29,7 +30,7 @@ from pydantic.dataclasses import dataclass as configuration
 
 from exosight.control.frame_check import FrameCheck, GuardConfig, Measurement, Problem
 from exosight.control.guard import State, Transition
-from exosight.control.observer import Observer, ObserverConfig, Prediction
+from exosight.control.observer import Observer, ObserverConfig
 from exosight.control.paths import ControllerConfig, limited
 from exosight.control.scheduled import RELEASED
 from exosight.errors import InputError
@@ -54,6 +55,8 @@ class AuthorityConfig:
     reading on the path [-]"""
     slow: Annotated[float, Field(gt=0, le=1)] = 0.5
     """share of the step that SLOW lets load"""
+    wait_deviation: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """the same from which on it loads on only after a frame that was made under the present command [-]"""
     frames_up: Annotated[int, Field(ge=1, le=100)] = 2
     """frames in a row that lead to more authority"""
     frames_back: Annotated[int, Field(ge=1, le=100)] = 5
@@ -100,9 +103,10 @@ class Adaptive:
         self._steps = self._good = self._over = 0
         self._found = Measurement()
         self._bound = math.inf  # of u, by the outputs that the last frame read
-        self._doubt = 0.0  # by how much u is lower than the observer has it
+        self._others: list[np.ndarray] = []  # states by which u is lower, see `_doubt`
         self._behind = 0  # steps from the observer's state to the coming command
         self._unseen = 0  # the same from the last frame that it took in
+        self._seen = 0.0  # u under which that was made
 
     def step(self, target: float, measurement: object, missed: int = 0) -> float:
         """The command of the coming step [the channel's unit].
@@ -167,41 +171,49 @@ class Adaptive:
         self.observer.advance(self._behind - late)
         self._behind = late
         u = self._frames.command_of(found)
-        before = float(self.observer.state[1])
+        before, _ = self.observer.ahead(0)
         noise = math.sqrt(self.observer.scatter(u, outputs))
         if self.observer.update(u, outputs, width / _LEVEL):
-            self._good, self._unseen = self._good + 1, late
+            self._good, self._unseen, self._seen = self._good + 1, late, u
         else:
             self._good = 0
             self.problem = Problem("an outlier", "look at the pictures of this moment")
         self._bound = self._bound_by(u, outputs)
-        self._doubt = self._doubted(before, u, config.sum(outputs) - _NOISE * noise)
+        self._others = [before, *self._alone(u, config.sum(outputs) - _NOISE * noise)]
 
     def _bound_by(self, u: float, outputs: Float[np.ndarray, " outputs"]) -> float:
         """The largest command by what was read under u: lower, as far as some output is beyond its limit."""
         excess = float((outputs - self.config.output_limits).max())
         return u - self.config.largest_gain * excess if excess > 0 else math.inf
 
-    def _doubted(self, before: float, u: float, measured: float) -> float:
-        """By how much the coming commands are lower than the observer would have them.
+    def _alone(self, u: float, measured: float) -> list[np.ndarray]:
+        """The state that one frame alone says; none where nothing presses, as the path has no inverse there.
 
-        They are those of the lowest d out of three: the observer's, its own before this frame, and that which
-        this frame alone says; a difference of half of what plants differ by is not counted.
-
-        before    d before the observer was given the frame [the channel's unit]
         measured  the least that the controlled sensor reads under u, by the frame
         """
-        now, _ = self.observer.ahead(0)
-        alone = math.inf  # where nothing presses the path has no inverse
-        if measured >= RELEASED:
-            alone = float(self.observer.shifts_of(now, np.array([u]), np.array([measured]))[0])
+        if measured < RELEASED:
+            return []
+        x = self.observer.ahead(0)[0].copy()
+        x[1] = self.observer.shifts_of(x, np.array([u]), np.array([measured]))[0]
+        return [x]
+
+    def _doubt(self, target: float) -> float:
+        """By how much u is lower than the observer would have it for a target.
+
+        It is that of the lowest of three states: the observer's, its own before the last frame, and that which
+        this frame alone says; a difference of half of what plants differ by is not counted.
+        """
+        if not self._others:
+            return 0.0
+        now, *others = (
+            self.observer.command_of(x, target) for x in (self.observer.ahead(0)[0], *self._others)
+        )
         usual = self.adaptive.observer.shift * abs(self.config.driven.peak) / 2
-        return max(float(now[1]) - min(before, alone) - usual, 0.0)
+        return max(now - min(others) - usual, 0.0)
 
     def _decide(self) -> None:
         """Authority, by what is known of the present."""
         limits, unseen = self.adaptive.authority, self.unseen
-        known = self.observer.predict(self._frames.u, self._behind)
         if self._over >= _OVERLOADS:
             return self._go(State.RELEASE, "an output beyond its limit by a quarter")
         if unseen > limits.release_seconds + _ROUND_OFF:
@@ -215,8 +227,8 @@ class Adaptive:
         unit = self.config.controlled.unit
         if unseen > limits.slow_seconds + _ROUND_OFF:
             asked, cause = State.SLOW, f"no frame for {unseen:.1f} s"
-        elif self._is_uncertain(known):
-            asked, cause = State.SLOW, f"a force known to {known.deviation:.3f} {unit}"
+        elif (deviation := self._deviation(self._frames.u)) > limits.slow_deviation:
+            asked, cause = State.SLOW, f"a force known to {deviation * self._largest:.3f} {unit}"
         else:
             asked, cause = State.NORMAL, f"{self._good} frames in a row"
         more = _ORDER.index(asked) < _ORDER.index(self.state)
@@ -236,20 +248,28 @@ class Adaptive:
         if target < RELEASED:
             return self._release(u, found)
         config, ahead = self.config, self._behind
-        largest = min(max(self.observer.largest(ahead) - self._doubt, 0.0), self._bound)
+        target = config.reachable(target)
+        doubt = self._doubt(target)
+        largest = min(max(self.observer.largest(ahead) - doubt, 0.0), self._bound)
         if self.state is State.HOLD:
             return min(u, largest)
-        wanted = min(self._aim(config.reachable(target), ahead) - self._doubt, largest)
-        there = min(wanted, u + config.step)
-        if wanted > max(u, 0.0) and (
-            self.state is State.SLOW or self._is_uncertain(self.observer.predict(there, ahead))
-        ):
-            wanted = u + self.adaptive.authority.slow * (there - u)
-        return wanted
+        wanted = min(self._aim(target, ahead) - doubt, largest)
+        if wanted <= max(u, 0.0):
+            return wanted
+        return self._loaded(u, min(wanted, u + config.step), certain=doubt == 0)
 
-    def _is_uncertain(self, known: Prediction) -> bool:
-        """Whether a force is known too little to load as fast as usual."""
-        return known.deviation > self.adaptive.authority.slow_deviation * self._largest
+    def _loaded(self, u: float, wanted: float, certain: bool) -> float:
+        """The command on the way up to a wanted one that what is known allows."""
+        limits = self.adaptive.authority
+        certain = certain and self.state is State.NORMAL
+        if not certain or self._deviation(wanted) > limits.slow_deviation:
+            wanted = u + limits.slow * (wanted - u)
+        waits = self._deviation(wanted) > limits.wait_deviation and self._seen < u - self.config.margin
+        return u if waits else wanted
+
+    def _deviation(self, u: float) -> float:
+        """How well the force under a command is known, as a share of its largest."""
+        return self.observer.predict(u, self._behind).deviation / self._largest
 
     def _aim(self, target: float, ahead: int) -> float:
         """The command at which the sensor reads the target, so many steps after the last frame."""

@@ -57,7 +57,9 @@ INPUTS = (*_STATE, *(f"frame {-i}, {name}" for i in range(1, FRAMES + 1) for nam
 """Of a policy, in order: shares of the channel's peak and of the largest reading of the path."""
 
 FULL_AUTHORITY = AdaptiveConfig(
-    authority=AuthorityConfig(slow_seconds=10, hold_seconds=10, release_seconds=10, slow_deviation=1)
+    authority=AuthorityConfig(
+        slow_seconds=10, hold_seconds=10, release_seconds=10, slow_deviation=1, wait_deviation=1, slow=1
+    )
 )
 NO_OVERLOAD = GuardConfig(overload=1e6)
 """Settings of a controller whose authority stays NORMAL for 10 s without a frame and under any force: to

@@ -114,7 +114,10 @@ class Observer:
 
     def command(self, target: float, ahead: int = 0) -> float:
         """u at which the controlled sensor reads the target so many steps after the last frame."""
-        x, _ = self.ahead(ahead)
+        return self.command_of(self.ahead(ahead)[0], target)
+
+    def command_of(self, x: Float[np.ndarray, "3"], target: float) -> float:
+        """The same in a state (log s, d, ḋ) that `ahead` gives."""
         s = math.exp(x[0])
         wanted = target / s
         w = float(np.interp(wanted, self._force, self._u))
