@@ -1,20 +1,37 @@
 """The adaptive controller on plants in closed form, with frames that are late, lost, spoilt or made up."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from any_frames import TARGET, measurements, picture, reading, targets
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from toy import SLOPE, controller
+from toy import SLOPE, controller, force_path
 
-from exosight.control import Adaptive, Measurement, State
+from exosight.control import Adaptive, ForcePath, Measurement, State
 from exosight.errors import InputError
 
 CONFIG = controller(limit=0.4)
 ROUND_OFF = 1e-12  # of sums of numbers up to 5 N
 unhurried = settings(deadline=None)
+
+
+def bent(u: float) -> float:
+    return 0.02 * max(u, 0.0) ** 2
+
+
+def steep(u: float) -> float:
+    return max(u - 3.5, 0.0) / 3
+
+
+def path_of(law: Callable[[float], float]) -> ForcePath:
+    """C3 presses by a law of u, from 0 to 5 N."""
+    u = np.linspace(0.0, 5.0, 51)
+    outputs = np.zeros((len(u), 7))
+    outputs[:, 2] = [law(each) for each in u]
+    return force_path(u, outputs)
 
 
 class Bench:
@@ -92,6 +109,43 @@ def test_a_first_frame_that_reads_too_little_leads_to_little_more_force_alone():
     assert bench.u[-1] < right + 0.2 * missing  # all of that if it were believed
     bench.repeat(4)
     assert bench.u[-1] == pytest.approx(right, abs=0.05)
+
+
+def test_a_frame_that_makes_the_plant_softer_leads_to_little_more_force_alone():
+    """On a bent path a single low reading changes the scale, with the shift known from frames before."""
+    config = controller(path_of(bent), limit=0.4)
+    adaptive, u = Adaptive(config), [0.0]
+    for k in range(12):
+        # From the sixth on, each frame is of 0.5 N of u before, under the present u.
+        force = bent(u[-1] if k < 6 else u[5] - 0.5)
+        u.append(adaptive.step(0.32, Measurement(picture(k), reading(force), commands=np.array([u[-1]]))))
+        if k == 6:
+            break
+    assert bent(u[6]) == pytest.approx(0.32, abs=0.02)
+    assert u[7] < u[6] + 0.1
+
+
+def test_where_the_force_is_known_least_it_waits_for_a_frame_of_the_present_command():
+    config = controller(path_of(steep), limit=1.0)
+    adaptive, u = Adaptive(config), [0.0]
+    for _ in range(6):
+        u.append(adaptive.step(0.3, Measurement()))
+    assert u[-1] == u[-2] < 3.5  # where the path begins to rise
+    old = Measurement(picture(0), reading(0.0), 0.2, np.array([u[2]]))
+    assert adaptive.step(0.3, old) == u[-1]
+    now = Measurement(picture(1), reading(0.0), 0.0, np.array([u[-1]]))
+    assert adaptive.step(0.3, now) > u[-1]
+
+
+@pytest.mark.parametrize("late", [0, 2])
+@pytest.mark.parametrize("d", [-0.3, 0.0, 0.6])
+def test_waiting_for_frames_it_settles_where_the_path_is_steep(d: float, late: int):
+    adaptive, u = Adaptive(controller(path_of(steep), limit=1.0)), [0.0]
+    for k in range(40):
+        at = u[max(k - late, 0)]
+        seen = Measurement(picture(max(k - late, 0)), reading(steep(at - d)), 0.1 * late, np.array([at]))
+        u.append(adaptive.step(0.3, seen))
+    assert steep(u[-1] - d) == pytest.approx(0.3, abs=0.015)
 
 
 def test_a_frame_that_comes_again_as_a_new_one_is_not_taken_in():

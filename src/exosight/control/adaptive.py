@@ -208,8 +208,12 @@ class Adaptive:
         now, *others = (
             self.observer.command_of(x, target) for x in (self.observer.ahead(0)[0], *self._others)
         )
-        usual = self.adaptive.observer.shift * abs(self.config.driven.peak) / 2
-        return max(now - min(others) - usual, 0.0)
+        return max(now - min(others) - self._usual, 0.0)
+
+    @property
+    def _usual(self) -> float:
+        """By how much plants differ anyway: half a standard deviation of d [the channel's unit]."""
+        return self.adaptive.observer.shift * abs(self.config.driven.peak) / 2
 
     def _decide(self) -> None:
         """Authority, by what is known of the present."""
@@ -256,7 +260,7 @@ class Adaptive:
         wanted = min(self._aim(target, ahead) - doubt, largest)
         if wanted <= max(u, 0.0):
             return wanted
-        return self._loaded(u, min(wanted, u + config.step), certain=doubt == 0)
+        return self._loaded(u, min(wanted, u + config.step), certain=doubt <= self._usual)
 
     def _loaded(self, u: float, wanted: float, certain: bool) -> float:
         """The command on the way up to a wanted one that what is known allows."""
