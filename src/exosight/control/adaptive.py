@@ -200,8 +200,8 @@ class Adaptive:
     def _doubt(self, target: float) -> float:
         """By how much u is lower than the observer would have it for a target.
 
-        It is that of the lowest of three states: the observer's, its own before the last frame, and that which
-        this frame alone says; a difference of half of what plants differ by is not counted.
+        It is that of the lowest of three states: the observer's, its own before the last frame, and that
+        which this frame alone says; a difference of half of what plants differ by is not counted.
         """
         if not self._others:
             return 0.0
