@@ -268,7 +268,7 @@ class Adaptive:
         certain = certain and self.state is State.NORMAL
         if not certain or self._deviation(wanted) > limits.slow_deviation:
             wanted = u + limits.slow * (wanted - u)
-        waits = self._deviation(wanted) > limits.wait_deviation and self._seen < u - self.config.margin
+        waits = self._seen < u - self.config.margin and self._deviation(wanted) > limits.wait_deviation
         return u if waits else wanted
 
     def _deviation(self, u: float) -> float:

@@ -48,7 +48,7 @@ def initial_state(robots: Robots, channels: int | None = None, options: SolverOp
 
     channels   how many load channels there are; as many as the robots' terms need by default
     """
-    batch = _batched(_flat(robots))
+    batch = _batched(*_flat(robots))
     start = unstrained(batch, batch.loads if channels is None else channels)
     return advance(batch, start, np.asarray(start.loads), options)[0]
 
@@ -127,8 +127,8 @@ def _solve(
     done: Callable[[int], None] = lambda robots: None,
     kept: Kept | None = None,
 ) -> Solutions:
-    flat = _flat(robots)
-    count, needed = len(flat.arrays), _needed(flat.structure, flat.kinds)
+    rows, parts = _flat(robots)
+    count, needed = len(rows), _needed(parts.structure, parts.kinds)
     loads = np.asarray(loads, dtype=float)
     if loads.ndim == 2:
         loads = np.broadcast_to(loads, (count, *loads.shape))
@@ -143,7 +143,7 @@ def _solve(
     if channels < needed.loads:
         raise InputError(f"loads: the robot's terms need {needed.loads} channels, got {channels}")
     if state is None:
-        state = unstrained(_batched(flat), channels)
+        state = unstrained(_batched(rows, parts), channels)
     q, origin = np.asarray(state.q, dtype=float), np.asarray(state.loads, dtype=float)
     for name, value, shape in (("q", q, (count, needed.dofs)), ("loads", origin, (count, channels))):
         if value.shape != shape or not np.all(np.isfinite(value)):
@@ -162,42 +162,42 @@ def _solve(
         )
     if not (options.eigenvalues or needed.energy):
         options = replace(options, eigenvalues=True)
-    common = Common(flat.structure, flat.kinds, needed.dofs, channels, needed.memories)
-    return solve(common, flat.arrays, Problems(q, origin, loads, history), options, done, kept)
+    common = Common(parts.structure, parts.kinds, needed.dofs, channels, needed.memories)
+    return solve(common, rows, Problems(q, origin, loads, history), options, done, kept)
 
 
-class _Flat(NamedTuple):
-    """Robots of one structure as rows of numbers, see `Common`."""
+class _Parts(NamedTuple):
+    """A robot's own arrays with a leading axis of robots, their kinds without it, and its structure."""
 
-    arrays: Float[np.ndarray, "robots numbers"]
+    arrays: list[np.ndarray]
     kinds: Kinds
     structure: Any
 
+    @property
+    def rows(self) -> Float[np.ndarray, "robots numbers"]:
+        """All numbers of each robot, one after the other."""
+        numbers = [array.reshape(len(array), -1) for array in self.arrays]
+        return np.concatenate(numbers, axis=1, dtype=float)
 
-def _flat(robots: Robots) -> _Flat:
-    """All numbers of some robots; InputError for several structures, or none."""
+
+def _flat(robots: Robots) -> tuple[Float[np.ndarray, "robots numbers"], _Parts]:
+    """All numbers of each robot, and the parts of the first; InputError for several structures, or none."""
     if isinstance(robots, Robot):
-        return _rows(_leaves(_Same(robots), batched=True))
+        batch = _parts(_Same(robots), batched=True)
+        return batch.rows, batch
     if not robots:
         raise InputError("robots: expected at least one, got none")
-    first, *others = (_leaves(_Same(robot), batched=False) for robot in robots)
+    first, *others = (_parts(_Same(robot), batched=False) for robot in robots)
     if any(other.structure != first.structure or other.kinds != first.kinds for other in others):
         raise InputError("robots: expected one structure (bodies, bases, points, terms), got several")
-    found = _rows(first)
     if not others:
-        return found
-    return found._replace(arrays=np.concatenate([found.arrays, *(_rows(other).arrays for other in others)]))
+        return first.rows, first
+    return np.concatenate([first.rows, *(other.rows for other in others)]), first
 
 
-def _rows(leaves: "_Leaves") -> _Flat:
-    count = len(leaves.arrays[0])
-    numbers = [array.reshape(count, -1) for array in leaves.arrays]
-    return _Flat(np.concatenate(numbers, axis=1, dtype=float), leaves.kinds, leaves.structure)
-
-
-def _batched(flat: _Flat) -> Robot:
+def _batched(rows: Float[np.ndarray, "robots numbers"], parts: _Parts) -> Robot:
     """One robot of arrays with a leading axis of robots."""
-    return jax.tree.unflatten(flat.structure, leaves_of(flat.kinds, flat.arrays))
+    return jax.tree.unflatten(parts.structure, leaves_of(parts.kinds, rows))
 
 
 class _Same:
@@ -213,20 +213,12 @@ class _Same:
         return isinstance(other, _Same) and self.robot is other.robot
 
 
-class _Leaves(NamedTuple):
-    """A robot's own arrays with a leading axis of robots, their kinds without it, and its structure."""
-
-    arrays: list[np.ndarray]
-    kinds: Kinds
-    structure: Any
-
-
 @lru_cache(maxsize=256)
-def _leaves(same: _Same, batched: bool) -> _Leaves:
+def _parts(same: _Same, batched: bool) -> _Parts:
     """What a robot, of several or of one, is made of; kept, as a control step asks for the same one again."""
     leaves, structure = jax.tree.flatten(same.robot)
     arrays = [np.asarray(leaf) if batched else np.asarray(leaf)[None] for leaf in leaves]
-    return _Leaves(arrays, tuple((array.shape[1:], array.dtype) for array in arrays), structure)
+    return _Parts(arrays, tuple((array.shape[1:], array.dtype) for array in arrays), structure)
 
 
 class _Needed(NamedTuple):
