@@ -157,23 +157,20 @@ def _fill_lanes(
     taken, rows = queue.take(lanes)
     if not len(taken):
         return
-    lane = Lanes(problems, lanes, code, taken, rows)
+    lane = Lanes(problems, options, lanes, code, taken, rows)
+    now = lane.now
     while np.any(lane.number >= 0) and not queue.stopped:
         # While robots or further loads wait, come back as soon as some lanes are free for them: for single
         # loads, which take a few evaluations, half of the lanes, else a quarter.
         free = int(np.count_nonzero(lane.number < 0))
         waiting = queue.waiting() or loads > room
-        enough = min(lanes, free + max(1, lanes // (2 if room == ROOM[0] else 4))) if waiting else lanes
-        lane.advanced(
-            code.advance(lane.rows, lane.progress, options.tolerance, options.max_iterations, enough)
-        )
-        progress = lane.progress
-        arrived = (progress.load == lane.total) & (lane.number >= 0)
-        snaps = np.minimum(progress.snaps, SNAPS)
+        lane.advance(min(lanes, free + max(1, lanes // (2 if room == ROOM[0] else 4))) if waiting else lanes)
+        arrived = (now.load == lane.total) & (lane.number >= 0)
+        snaps = np.minimum(now.snaps, SNAPS).astype(int)
         told = (arrived | (snaps >= SNAPS)) & (lane.number >= 0)
-        progress.snaps[told] = 0
-        records = Records(*map(np.asarray, progress.records))
+        now.snaps[told] = 0
         told &= snaps > 0
+        records = Records(*map(np.asarray, lane.records))
         if told.any():
             there = code.layout.own.of_snap.unpack(records.snaps)
             _keep_snaps(found, there, lane, np.flatnonzero(told), snaps)

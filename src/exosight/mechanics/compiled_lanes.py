@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import solve_triangular
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from exosight.arrays import AnyArray
 from exosight.mechanics.continuation_records import Records
@@ -67,46 +67,40 @@ class Robots(NamedTuple):
 
 
 class Given(NamedTuple):
-    """What compiled code is told of the robot in each lane: `total` next loads, none if it stands still."""
+    """What compiled code is told of the robot in each lane.
+
+    total             how many of the loads are meant; none if the robot stands still
+    tolerance, max_iterations   see `SolverOptions`
+    enough            come back once so many lanes have their loads behind them; the same in all lanes
+    """
 
     robots: Robots
     loads: Float[AnyArray, "lanes room channels"]
     total: Float[AnyArray, " lanes"]
-
-
-class Progress(NamedTuple):
-    """Where the robots in the lanes are: what compiled code gives back, and goes on from.
-
-    state     (lanes, numbers)  a row of the state, then its matrices, see `Carried`
-    records   (lanes, …)        what was found
-    load      (lanes,)          index of the load that each is on the way to
-    snaps     (lanes,)          how many are in the records
-    """
-
-    state: Float[AnyArray, "lanes numbers"]
-    records: Records
-    load: Int[AnyArray, " lanes"]
-    snaps: Int[AnyArray, " lanes"]
+    tolerance: Float[AnyArray, " lanes"]
+    max_iterations: Float[AnyArray, " lanes"]
+    enough: Float[AnyArray, " lanes"]
 
 
 class Start(NamedTuple):
     """The state of a robot that begins at 0, and where its pose, loads and memories stand in it."""
 
-    row: Float[np.ndarray, " numbers"]
+    state: Float[np.ndarray, " numbers"]
     poses: list[slice]
     loads: slice
     memories: list[list[slice]]
 
 
 class Layouts(NamedTuple):
-    """How each of these lies in rows; `own`: the rows within, `start`: the state of one that begins.
+    """How each of these lies in rows; `own`: the rows within, `start`: of a robot that begins.
 
-    records   of one that has found nothing
+    now       of a `Carried` without its records: where a robot is
+    records   of one of which nothing was found
     """
 
     robots: Packing
     given: Packing
-    state: Packing
+    now: Packing
     own: Layout
     start: Start
     records: Records
@@ -117,13 +111,16 @@ class Compiled(NamedTuple):
 
     layout    of rows
     prepare   arrays of some robots -> a row of numbers each, `Robots`
-    advance   (`Given` in rows, `Progress`, tolerance, max_iterations, enough) -> `Progress`, once `enough`
+    advance   rows of `Given`, rows of where the robots are, and `Records` -> the latter two, once `enough`
               lanes have their loads behind them or one has no room for snaps
     """
 
     layout: Layouts
     prepare: Callable[[Float[np.ndarray, "robots numbers"]], Float[Array, "robots row"]]
-    advance: Callable[..., Progress]
+    advance: Callable[
+        [Float[np.ndarray, "lanes given"], Float[np.ndarray, "lanes now"], Records],
+        tuple[Float[Array, "lanes now"], Records],
+    ]
 
 
 @lru_cache(maxsize=64)
@@ -142,29 +139,25 @@ def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
     numbers = sum(int(np.prod(shape)) for shape, _ in common.kinds)
     layout = _layouts(common, jax.eval_shape(of_robot, np.zeros(numbers)), room)
 
-    def advance(
-        rows: Array, progress: Progress, tolerance: Array, max_iterations: Array, enough: Array
-    ) -> Progress:
-        def one(row: Array, before: Progress) -> Progress:
+    def advance(rows: Array, state: Array, records: Records) -> tuple[Array, Records]:
+        def one(row: Array, before: Array, found: Records) -> tuple[Array, Records]:
             given: Given = layout.given.unpack(row)
+            limits = given.tolerance, given.max_iterations.astype(int)
             arrays, factor, unit, _, design = given.robots
             metric, total = Metric(jnp.asarray(factor), jnp.asarray(unit)), given.total.astype(int)
-            step = stepper(
-                robot_of(arrays), metric, program, design, given.loads, total, tolerance, max_iterations
-            )
+            enough = jax.lax.pmax(given.enough, "lanes")  # the same for all: lanes go on or stop together
+            step = stepper(robot_of(arrays), metric, program, design, given.loads, total, *limits)
 
             def going(now: Carried) -> Array:
                 arrived = jax.lax.psum((now.load == total).astype(int), "lanes")
                 full = jax.lax.psum((now.snaps >= SNAPS).astype(int), "lanes")
                 return (arrived < enough) & (full == 0)
 
-            state, matrices = layout.state.unpack(before.state)
-            start = Carried(state, before.load, before.snaps, matrices, before.records)
+            start = layout.now.unpack(before)._replace(records=found)
             now = jax.lax.while_loop(going, step, start)
-            state = layout.state.pack((now.row, now.matrices))
-            return Progress(state, now.records, now.load, now.snaps)
+            return jnp.asarray(layout.now.pack(now._replace(records=None))), now.records
 
-        return jax.vmap(one, axis_name="lanes")(rows, progress)
+        return jax.vmap(one, axis_name="lanes")(rows, state, records)
 
     # The lanes of a thread are its work; a second thread inside an operation would take it from the others.
     options = {"xla_cpu_multi_thread_eigen": False}
@@ -178,13 +171,13 @@ def compiled(common: Common, program: Unrolled | None, room: int) -> Compiled:
 def _layouts(common: Common, robot: Robots, room: int) -> Layouts:
     memories = tuple(map(np.zeros, common.memories))
     start = begun(common.dofs, common.channels, memories, room)
-    place = start.row, start.matrices
-    given = Given(robot, np.zeros((room, common.channels)), np.zeros(()))
+    none = np.zeros(())
+    given = Given(robot, np.zeros((room, common.channels)), none, none, none, none)
     own = layout_of(common.dofs, common.channels, common.memories)
     return Layouts(
-        *map(Packing, (robot, given, place)),
+        *map(Packing, (robot, given, start._replace(records=None))),
         own=own,
-        start=_start(np.asarray(Packing(place).pack(place)), own.state),
+        start=_start(np.asarray(start.row), own.state),
         records=start.records,
     )
 

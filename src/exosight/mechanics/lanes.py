@@ -11,8 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from exosight.mechanics.compiled_lanes import Compiled, Given, Progress, Rows
+from exosight.mechanics.compiled_lanes import Compiled, Given, Rows
 from exosight.mechanics.continuation_records import Records
+from exosight.mechanics.equilibrium import SolverOptions
+from exosight.mechanics.path_step import Carried
 from exosight.mechanics.prepared import Prepared
 
 
@@ -54,28 +56,31 @@ class Lanes:
 
     number     of each lane's robot; −1: none, the lane stands still
     first      index of the first of the loads that it is on, of which there are `total`
-    rows       (lanes, numbers)  `given`, as compiled code takes it
-    given      the same by names, to be written to
-    progress   where they are: NumPy arrays to be written to, but for the records
+    given      what compiled code is told, to be written to
+    now        where they are, to be written to; whole numbers as floats
+    records    what was found
     """
 
     def __init__(
-        self, problems: Problems, lanes: int, code: Compiled, numbers: Int[np.ndarray, " some"], robots: Rows
+        self,
+        problems: Problems,
+        options: SolverOptions,
+        lanes: int,
+        code: Compiled,
+        numbers: Int[np.ndarray, " some"],
+        robots: Rows,
     ) -> None:
-        self._problems = problems
+        self._problems, self._code = problems, code
         self.number, self.first = np.full(lanes, -1), np.zeros(lanes, int)
         self.total = np.zeros(lanes, int)
         layout = code.layout
-        self.rows = np.zeros((lanes, layout.given.numbers))
-        self.given: Given = layout.given.unpack(self.rows)
-        self._robots = self.rows[:, : robots.shape[1]]
-        self.progress = Progress(
-            np.zeros((lanes, layout.state.numbers)),
-            Records(*(np.zeros((lanes, *rows.shape)) for rows in layout.records)),
-            np.zeros(lanes, int),
-            np.zeros(lanes, int),
-        )
-        self._begun = layout.start
+        self._rows = np.zeros((lanes, layout.given.numbers))
+        self.given: Given = layout.given.views(self._rows)
+        self.given.tolerance[:], self.given.max_iterations[:] = options.tolerance, options.max_iterations
+        self._robots = self._rows[:, : robots.shape[1]]
+        self._state = np.zeros((lanes, layout.now.numbers))
+        self.now: Carried = layout.now.views(self._state)
+        self.records = Records(*(np.zeros((lanes, *rows.shape)) for rows in layout.records))
         # Where there is no robot compiled code goes on with the last one, but to no load.
         own = np.minimum(np.arange(lanes), len(numbers) - 1)
         self.put(np.arange(lanes), numbers[own], robots[own])
@@ -97,16 +102,10 @@ class Lanes:
         """Some lanes have no robot any more."""
         self.number[at] = -1
 
-    def advanced(self, progress: Progress) -> None:
-        """Compiled code has come so far."""
-        own = self.progress
-        for ours, theirs in (
-            (own.state, progress.state),
-            (own.load, progress.load),
-            (own.snaps, progress.snaps),
-        ):
-            ours[:] = np.asarray(theirs)
-        self.progress = own._replace(records=progress.records)
+    def advance(self, enough: int) -> None:
+        """Compiled code goes on until so many lanes have their loads behind them."""
+        self.given.enough[:] = enough
+        self._state[:], self.records = self._code.advance(self._rows, self._state, self.records)
 
     def _begin(self, at: np.ndarray, start: Sequence[np.ndarray], where: Any) -> None:
         given, loads, first = self.given, self._problems.loads, self.first[at]
@@ -122,10 +121,10 @@ class Lanes:
 
     def _start(self, at: np.ndarray, start: Sequence[np.ndarray], where: Any) -> None:
         """Some lanes from poses, loads and histories (robots, …), of these robots."""
-        state, _, load, snaps = self.progress
-        begun, poses, loads, memories = self._begun
+        state = self.now.row
+        begun, poses, loads, memories = self._code.layout.start
         q, origin, *history = start
-        state[at], load[at], snaps[at] = begun, 0, 0
+        state[at], self.now.load[at], self.now.snaps[at] = begun, 0, 0
         for place in poses:
             state[at, place] = q[where]
         state[at, loads] = origin[where]

@@ -38,7 +38,14 @@ class Packing:
 
     def unpack(self, rows: Float[AnyArray, "*batch numbers"]) -> Any:
         """The trees of some rows, of arrays with leading axes; floats of NumPy are views of the rows."""
-        batch = rows.shape[:-1]
-        parts = ((rows[..., where].reshape(*batch, *shape), kind) for where, shape, kind in self._places)
+        kinds = (kind for _, _, kind in self._places)
+        parts = zip(self._parts(rows), kinds, strict=True)
         leaves = [part if kind is None else part.astype(kind) for part, kind in parts]
         return jax.tree.unflatten(self._structure, leaves)
+
+    def views(self, rows: Float[np.ndarray, "*batch numbers"]) -> Any:
+        """The same to be written to: all are views of the rows, whole numbers and truth values as floats."""
+        return jax.tree.unflatten(self._structure, self._parts(rows))
+
+    def _parts(self, rows: Float[AnyArray, "*batch numbers"]) -> list[AnyArray]:
+        return [rows[..., where].reshape(*rows.shape[:-1], *shape) for where, shape, _ in self._places]
