@@ -20,7 +20,7 @@ from exosight.dataset.config import GenerateConfig
 from exosight.dataset.frames import Frames
 from exosight.dataset.generation import generate, make_chunk
 from exosight.dataset.job import GenerationJob, opened
-from exosight.dataset.simulation import Prepared, Solved
+from exosight.dataset.simulation import Solved
 from exosight.errors import DataError, InputError
 from exosight.system.design import Design
 from exosight.system.designs import DesignSet
@@ -34,14 +34,15 @@ DROPPED = {"not_converged": 0, "crosses_itself": 2, "tip_below_finger": 1}
 JOB = GenerationJob(CONFIG, None, tuple(DROPPED), 4)
 
 
-def prepared(config: GenerateConfig, designs: DesignSet, chosen: Sequence[Design]) -> Prepared:
-    """The designs themselves in place of their systems."""
-    return Prepared(list(chosen), [])
-
-
-def solved(prepared: Prepared, done: Callable[[int], None], kept: object) -> Solved:
+def solved(
+    config: GenerateConfig,
+    designs: DesignSet,
+    chosen: Sequence[Design],
+    done: Callable[[int], None],
+    kept: object,
+) -> Solved:
     """In place of the solution, which takes seconds a chunk: none."""
-    done(len(prepared.systems))
+    done(len(chosen))
     return Solved([], [], None)
 
 
@@ -56,7 +57,6 @@ def simulated(
 def without_simulation(patch: pytest.MonkeyPatch) -> None:
     """Chunks of four designs, made up."""
     patch.setattr(generation, "DESIGNS_PER_CHUNK", 4)
-    patch.setattr(generation, "prepare_designs", prepared)
     patch.setattr(generation, "solve_designs", solved)
     patch.setattr(generation, "frames_of", simulated)
 
@@ -91,9 +91,9 @@ def made_numbers(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """The first design of each chunk that is simulated from now on, as it is."""
     numbers = []
 
-    def counted(prepared: Prepared, *rest):
-        numbers.append(prepared.systems[0].number)
-        return solved(prepared, *rest)
+    def counted(config: GenerateConfig, designs: DesignSet, chosen: Sequence[Design], *rest):
+        numbers.append(chosen[0].number)
+        return solved(config, designs, chosen, *rest)
 
     monkeypatch.setattr(generation, "solve_designs", counted)
     return numbers
@@ -186,7 +186,6 @@ from tests.dataset import test_generation as tests
 from exosight import files
 
 generation.DESIGNS_PER_CHUNK = 4
-generation.prepare_designs = tests.prepared
 generation.solve_designs, generation.frames_of = tests.solved, tests.simulated
 written = []
 real = os.fsync

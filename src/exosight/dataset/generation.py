@@ -36,7 +36,7 @@ from exosight.dataset.manifest import (
     read_manifest,
     write_manifest,
 )
-from exosight.dataset.simulation import Prepared, Solved, causes, frames_of, prepare_designs, solve_designs
+from exosight.dataset.simulation import Solved, causes, frames_of, solve_designs
 from exosight.dataset.solved import SolvedDesigns
 from exosight.dataset.store import write_chunk
 from exosight.dataset.variation import shades_of, variation_columns
@@ -119,7 +119,7 @@ def make_chunk(
             f"{__version__}; install the same version everywhere"
         )
     chunk = _chunk(folder, job, number)
-    return finished(folder, job, number, chunk.group) or chunk.store(chunk.solve(chunk.prepare(), done))
+    return finished(folder, job, number, chunk.group) or chunk.store(chunk.solve(done))
 
 
 class _Chunk(NamedTuple):
@@ -137,11 +137,8 @@ class _Chunk(NamedTuple):
         """Its designs that are solved, on disk until it is stored."""
         return SolvedDesigns(self.folder, self.number, identity(self.job))
 
-    def prepare(self) -> Prepared:
-        return prepare_designs(self.job.config, self.designs, self.chosen)
-
-    def solve(self, prepared: Prepared, done: Callable[[int], None]) -> Solved:
-        return solve_designs(prepared, done, self.kept)
+    def solve(self, done: Callable[[int], None]) -> Solved:
+        return solve_designs(self.job.config, self.designs, self.chosen, done, self.kept)
 
     def store(self, solved: Solved) -> ChunkRecord:
         config = self.job.config
@@ -171,22 +168,15 @@ def _chunk(folder: Path, job: GenerationJob, number: int) -> _Chunk:
 def _make_chunks(
     folder: Path, job: GenerationJob, numbers: Sequence[int], done: Callable[[int], None]
 ) -> Iterator[ChunkRecord]:
-    """Chunks made one after the other: while one is solved, the next is prepared, and the last is stored."""
-
-    def prepared(number: int) -> tuple[_Chunk, Prepared]:
-        chunk = _chunk(folder, job, number)
-        return chunk, chunk.prepare()
-
-    with ThreadPoolExecutor(2) as beside:
+    """Chunks made one after the other: while one is solved, the one before it is drawn and stored."""
+    with ThreadPoolExecutor(1) as behind:
         storing: Future[ChunkRecord] | None = None
-        preparing = [beside.submit(prepared, number) for number in numbers[:1]]
-        for place in range(len(numbers)):
-            chunk, ready = preparing.pop().result()
-            preparing += [beside.submit(prepared, number) for number in numbers[place + 1 : place + 2]]
-            solved = chunk.solve(ready, done)
+        for number in numbers:
+            chunk = _chunk(folder, job, number)
+            solved = chunk.solve(done)
             if storing:
                 yield storing.result()
-            storing = beside.submit(chunk.store, solved)
+            storing = behind.submit(chunk.store, solved)
         if storing:
             yield storing.result()
 

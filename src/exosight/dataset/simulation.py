@@ -38,15 +38,8 @@ def causes(designs: DesignSet) -> tuple[str, ...]:
 def simulate_designs(
     config: GenerateConfig, designs: DesignSet, chosen: Sequence[Design]
 ) -> tuple[Frames, dict[str, int]]:
-    """The frames of some designs, and how many were dropped, by cause."""
-    return frames_of(config, designs, chosen, solve_designs(prepare_designs(config, designs, chosen)))
-
-
-class Prepared(NamedTuple):
-    """Some designs and what they are driven along, of which nothing is solved yet."""
-
-    systems: list[System]
-    paths: list[LoadPath]
+    """The frames of some designs, and how many were dropped, by cause: `solve_designs`, then `frames_of`."""
+    return frames_of(config, designs, chosen, solve_designs(config, designs, chosen))
 
 
 class Solved(NamedTuple):
@@ -60,25 +53,22 @@ class Solved(NamedTuple):
     found: Equilibria
 
 
-def prepare_designs(config: GenerateConfig, designs: DesignSet, chosen: Sequence[Design]) -> Prepared:
-    """The systems of some designs, and the path of each."""
-    return Prepared(
-        [designs.build(design) for design in chosen],
-        [load_path(designs.schema, config.frames, config.seed, design.number) for design in chosen],
-    )
-
-
 def solve_designs(
-    prepared: Prepared, done: Callable[[int], None] = lambda designs: None, kept: Kept | None = None
+    config: GenerateConfig,
+    designs: DesignSet,
+    chosen: Sequence[Design],
+    done: Callable[[int], None] = lambda designs: None,
+    kept: Kept | None = None,
 ) -> Solved:
     """The equilibria of every design at the frames of its path.
 
-    Depends on these designs and their paths alone: the same whichever process solves them, and when.
+    Depends on the configuration and these designs alone: the same whichever process solves them, and when.
 
     done   called with the number of designs finished, as they finish
     kept   designs that an earlier call solved; keeps what this one does
     """
-    systems, paths = prepared
+    systems = [designs.build(design) for design in chosen]
+    paths = [load_path(designs.schema, config.frames, config.seed, design.number) for design in chosen]
     loads = [system.loads(path.commands) for system, path in zip(systems, paths, strict=True)]
     found = drive([system.robot for system in systems], np.stack(loads), done=done, kept=kept)
     frames = paths[0].frames
