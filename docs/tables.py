@@ -1,4 +1,4 @@
-"""Tables of benchmarks.md, matlab.md and photographs.md, from docs/results and the shipped network."""
+"""Tables of pages about speed, MATLAB and photographs, from docs/results and the shipped network."""
 
 import json
 from collections import Counter
@@ -25,6 +25,7 @@ TITLES = {
     "environment": "The Gymnasium environment",
     "lab": "The lab: time from slider event to displayed result",
 }
+NO_RESULTS = "No results for this version yet; run `make bench` on an idle machine.\n"
 UNITS = {
     **bench.UNITS,
     "milliseconds_median": "ms",
@@ -36,7 +37,7 @@ UNITS = {
 def bench_tables(found: dict[str, Any] | None) -> str:
     """One table per benchmark; None: no results for this version."""
     if found is None:
-        return "No results for this version yet; run `make bench` on an idle machine.\n"
+        return NO_RESULTS
     lines: list[str] = []
     for name, title in TITLES.items():
         if name not in found:
@@ -51,6 +52,36 @@ def bench_tables(found: dict[str, Any] | None) -> str:
         ]
         lines += [f"## {title}", "", table_of(("quantity", "value", "unit"), rows), ""]
     return "\n".join(lines)
+
+
+def loop_table(found: dict[str, Any] | None) -> str:
+    """The parts of a step of the real-time loop; None: no results for this version."""
+    if found is None:
+        return NO_RESULTS
+    own = found["control_step"]
+    parts = ("render", "estimate", "law and guard", "solve", "whole step")
+    rows = [(part, *(f"{own[f'{part}, {which} [ms]']:.1f}" for which in ("median", "p99"))) for part in parts]
+    return f"{_machine(own)}\n\n{table_of(('[ms]', 'median', '99 %'), rows)}"
+
+
+def environment_table(found: dict[str, Any] | None) -> str:
+    """Steps of the environment a second; None: no results for this version."""
+    if found is None:
+        return NO_RESULTS
+    own = found["environment"]
+    head = ("steps a second", "wall-clock, small", "any", "of one core's time, small", "any")
+    columns = [
+        f"{size} actions, steps a {of}" for of in ("second", "CPU second") for size in ("small", "any")
+    ]
+    rows = [
+        (title, *(f"{own[f'{kind}, {column}']}" for column in columns))
+        for kind, title in (("state", "`state`"), ("mixed", "`mixed`, with images"))
+    ]
+    return f"{_machine(own)}\n\n{table_of(head, rows)}"
+
+
+def _machine(own: dict[str, Any]) -> str:
+    return f"Machine: {own['cpu']}, {own['cores']} cores, load average {own['load before']} before the run."
 
 
 def onnx_table(path: Path) -> str:
@@ -162,6 +193,8 @@ def tables() -> dict[Path, dict[str, str]]:
     reliability = json.loads(RELIABILITY.read_text())
     return {
         HERE / "benchmarks.md": {"bench": bench_tables(found)},
+        HERE / "realtime.md": {"loop": loop_table(found)},
+        HERE / "gymnasium.md": {"environment": environment_table(found)},
         HERE / "matlab.md": {"onnx": onnx_table(DEFAULT_MODEL)},
         HERE / "photographs.md": {
             "photographs": photograph_table(json.loads(PHOTOGRAPHS.read_text())),

@@ -69,9 +69,9 @@ class Robots(NamedTuple):
 class Given(NamedTuple):
     """What compiled code is told of the robot in each lane.
 
-    total             how many of the loads are meant; none if the robot stands still
-    tolerance, max_iterations   see `SolverOptions`
-    enough            come back once so many lanes have their loads behind them; the same in all lanes
+    total                        how many of the loads are meant; none if the robot stands still
+    tolerance, max_iterations    see `SolverOptions`
+    enough                       come back once so many lanes have their loads behind them; the same in all
     """
 
     robots: Robots
