@@ -191,7 +191,9 @@ def _plan(
     nothing_near = failed & (s < _negligible(state) * (metric.size(anchor.q) + metric.unit))
     ended = (narrowed & look.found) | nothing_near | cornered | lost
     easy = arrived & along & ~known & (speed * (1 - anchor.t) < 2 * state.s)
-    to_go = verdict.passed | (arrived & ~along) | easy | (narrowed & (look.t >= 1))
+    # From here nothing has failed yet, as the way to the load perhaps has.
+    untried = state.growth > 1
+    to_go = verdict.passed | (arrived & ~along) | easy | (narrowed & untried & (look.t >= 1))
     descend = ended & ~verdict.passed
     past = jnp.maximum(jnp.where(narrowed, look.end, anchor.t), anchor.t + narrow)
     past = past + narrow * (state.nudge - 1) + jnp.where(cornered, corner / speed, 0.0)
