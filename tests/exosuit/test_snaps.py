@@ -89,7 +89,7 @@ def test_a_robot_without_loads_left_reports_no_snaps() -> None:
 
 def test_a_way_to_the_load_that_failed_is_not_tried_again_from_the_same_pose() -> None:
     """At 2.87 N a corner of this exosuit's branch, as seen from the pose before it, lies beyond the load, and
-    from there Newton's method fails at the load: with either tried in turn it went on for 5,000 evaluations."""
+    from there Newton's method fails at the load: one was tried after the other for 5,000 evaluations."""
     robot = assemble(Exosuit(sample_shapes(125, seed=0)[1355].shape))
     found, _ = locate_snaps([robot], np.linspace(0, 2.96, 38)[:, None])
     assert found.converged.all()

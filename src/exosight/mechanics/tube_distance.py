@@ -28,8 +28,8 @@ from exosight.mechanics.tree import Tree
 FAR = 1.9
 """A fifth more than a quarter turn: closer, a rod would be bent sharper than its own radius."""
 
-NEWTON_STEPS = 4
-"""From a secant, each squares the error of the closest place: 1e-2, 1e-4, 1e-8, 1e-16 of a piece."""
+STEPS = 4
+"""To the closest place, from a secant."""
 
 MARGIN = 0.6
 """Distance between balls around two pieces, in the radius of the first one's: a closer piece is searched, and
@@ -308,13 +308,23 @@ def _slide(
 
 
 def _solve(point: Float[Array, "points 3"], nodes: Piece, curve: _Cubic) -> Float[Array, " points"]:
-    """The place t where f_t = 0, in pieces that hold one."""
+    """The place t where f_t = 0, in pieces that hold one.
+
+    Each step goes to the root of the parabola that has f_t and f_tt of the last place and f_t of the nearest
+    one on the other side of the root: so it stays between these, where f_tt is zero or negative too.
+    """
     between = point[:, None] - nodes.position
     distance = jnp.sqrt(jnp.sum(between**2, axis=-1) + 1e-30)
-    ends = -jnp.sum(between * nodes.tangent, axis=-1) / distance - nodes.slope
-    start, end = ends.T
-    t = jnp.clip(start / jnp.where(end - start > 0, start - end, -1.0), 0.0, 1.0)
-    for _ in range(NEWTON_STEPS):
+    low, high = (-jnp.sum(between * nodes.tangent, axis=-1) / distance - nodes.slope).T
+    start, end = jnp.zeros(len(point)), jnp.ones(len(point))
+    t = jnp.clip(low / jnp.where(high - low > 0, low - high, -1.0), 0.0, 1.0)
+    for _ in range(STEPS):
         first, second = _slide(t, point, curve)
-        t = jnp.clip(t - first / jnp.where(second > 0, second, 1.0), 0.0, 1.0)
+        before = first < 0
+        way, other = jnp.where(before, end, start) - t, jnp.where(before, high, low)
+        start, low = jnp.where(before, t, start), jnp.where(before, first, low)
+        end, high = jnp.where(before, end, t), jnp.where(before, high, first)
+        bend = (other - first - second * way) / jnp.maximum(way**2, 1e-30)
+        root = jnp.sqrt(jnp.maximum(second**2 - 4 * first * bend, 1e-60))
+        t = jnp.clip(t - 2 * first / jnp.maximum(second + root, 1e-30), 0.0, 1.0)
     return t
