@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _parts.pages import fill, save, table_of
+from _parts.pages import fill, machine, save, table_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
@@ -131,7 +131,7 @@ def tables(found: dict[str, Any]) -> dict[str, str]:
                 for row in scaling["robots"]
             ],
         ),
-        "speed_machine": _machine(found),
+        "speed_machine": f"{machine(found['scaling'])}; CasADi {found['interpreters']['casadi']}.",
         "interpreters": _interpreters(found["interpreters"]["rows"]),
         "own_terms": _own_terms(found["own_terms"]["rows"]),
     }
@@ -157,14 +157,6 @@ def _sizes(name: str, rows: Sequence[dict[str, Any]]) -> str:
     keys = {key: title for key, title in keys.items() if any(key in row for row in rows)}
     cells = [(str(row["size"]), *(_digits(row[key]) if key in row else "–" for key in keys)) for row in rows]
     return table_of((name, *keys.values()), cells)
-
-
-def _machine(found: dict[str, Any]) -> str:
-    scaling = found["scaling"]
-    return (
-        f"Machine: {scaling['cpu']}, {scaling['cores']} cores, load average {scaling['load before']} before "
-        f"the run; CasADi {found['interpreters']['casadi']}."
-    )
 
 
 def _interpreters(rows: Sequence[dict[str, Any]]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from _parts.pages import fill, save, table_of
+from _parts.pages import fill, machine, save, table_of
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator
@@ -224,7 +224,7 @@ def _balances(found: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
 
 def _compared(found: dict[str, Any]) -> dict[str, str]:
     """Table of a comparison of programs, and what it ran on."""
-    machine = found["machine"]
+    own = found["machine"]
     return {
         "": table_of(
             ["problem", "program", "setting", "error", "time [s]", "processor time [s]", "first call [s]"],
@@ -237,10 +237,7 @@ def _compared(found: dict[str, Any]) -> dict[str, str]:
                 for row in found["rows"]
             ],
         ),
-        "_machine": (
-            f"Machine: {machine['cpu']}, {machine['cores']} cores, load average {machine['load_before']} "
-            f"before the run. {', '.join(f'{k} {v}' for k, v in machine['versions'].items())}."
-        ),
+        "_machine": f"{machine(own)}. {', '.join(f'{k} {v}' for k, v in own['versions'].items())}.",
     }
 
 

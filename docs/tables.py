@@ -1,4 +1,7 @@
-"""Tables of pages about speed, MATLAB and photographs, from docs/results and the shipped network."""
+"""Tables of pages about speed, MATLAB and photographs, and the README's words on cost.
+
+From docs/results and the shipped network.
+"""
 
 import json
 from collections import Counter
@@ -6,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import onnx
-from _parts.pages import fill, table_of
+from _parts.pages import fill, machine, table_of
 
 from exosight.app.commands import bench
 from exosight.control.estimator import DEFAULT_MODEL
@@ -61,7 +64,7 @@ def loop_table(found: dict[str, Any] | None) -> str:
     own = found["control_step"]
     parts = ("render", "estimate", "law and guard", "solve", "whole step")
     rows = [(part, *(f"{own[f'{part}, {which} [ms]']:.1f}" for which in ("median", "p99"))) for part in parts]
-    return f"{_machine(own)}\n\n{table_of(('[ms]', 'median', '99 %'), rows)}"
+    return f"{machine(own)}.\n\n{table_of(('[ms]', 'median', '99 %'), rows)}"
 
 
 def environment_table(found: dict[str, Any] | None) -> str:
@@ -77,11 +80,28 @@ def environment_table(found: dict[str, Any] | None) -> str:
         (title, *(f"{own[f'{kind}, {column}']}" for column in columns))
         for kind, title in (("state", "`state`"), ("mixed", "`mixed`, with images"))
     ]
-    return f"{_machine(own)}\n\n{table_of(head, rows)}"
+    return f"{machine(own)}.\n\n{table_of(head, rows)}"
 
 
-def _machine(own: dict[str, Any]) -> str:
-    return f"Machine: {own['cpu']}, {own['cores']} cores, load average {own['load before']} before the run."
+def cost(found: dict[str, Any] | None) -> str:
+    """What the README says of speed; None: no results for this version."""
+    if found is None:
+        return NO_RESULTS
+    own, data, step = found["equilibria"], found["dataset"], found["control_step"]
+    names = ("published", "index", "index-friction")
+    rate = [f"{own[f'{name}: equilibria per second']:,.0f}" for name in names]
+    converged = 100 * min(own[f"{name}: converged"] for name in names)
+    return f"""**Cost** on {own["cores"]} cores ({own["cpu"]}; [all of it](docs/benchmarks.md)):
+{own["shapes"]} exosuits of all eleven scenarios × 51 loads with 25 degrees of freedom
+at {rate[0]} stable equilibria a second, with surfaces and self-contact (`index`) {rate[1]},
+with friction {rate[2]}, {converged:.4g} % converged;
+a single pose again in {own["resolve_milliseconds"]:.1f} ms;
+the first one in a process {own["first_call_seconds"]:.1f} s,
+{own["cached_call_seconds"]:.1f} s once its program is on the disk;
+the paper's whole dataset simulated, rendered and stored in {data["seconds to make"]:.0f} s
+({data["MB on disk"]:.0f} MB); one step of the loop (render, estimate, decide, solve) in
+{step["whole step, median [ms]"]:.1f} ms, 99 % within {step["whole step, p99 [ms]"]:.1f} ms as snaps
+take longer."""
 
 
 def onnx_table(path: Path) -> str:
@@ -192,6 +212,7 @@ def tables() -> dict[Path, dict[str, str]]:
     found = json.loads(BENCH.read_text()) if BENCH.exists() else None
     reliability = json.loads(RELIABILITY.read_text())
     return {
+        HERE.parent / "README.md": {"cost": cost(found)},
         HERE / "benchmarks.md": {"bench": bench_tables(found)},
         HERE / "realtime.md": {"loop": loop_table(found)},
         HERE / "gymnasium.md": {"environment": environment_table(found)},

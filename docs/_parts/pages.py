@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 
@@ -11,6 +12,12 @@ from exosight.evaluation.tables import Table, cell_text
 def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table of Markdown."""
     return "\n".join("| " + " | ".join(row) + " |" for row in [head, ["---"] * len(head), *rows])
+
+
+def machine(found: Mapping[str, Any]) -> str:
+    """What a benchmark ran on, of its results."""
+    load = found.get("load before", found.get("load_before"))
+    return f"Machine: {found['cpu']}, {found['cores']} cores, load average {load} before the run"
 
 
 def shown(table: Table) -> str:

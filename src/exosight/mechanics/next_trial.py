@@ -191,7 +191,8 @@ def _plan(
     nothing_near = failed & (s < _negligible(state) * (metric.size(anchor.q) + metric.unit))
     ended = (narrowed & look.found) | nothing_near | cornered | lost
     easy = arrived & along & ~known & (speed * (1 - anchor.t) < 2 * state.s)
-    # From here nothing has failed yet, as the way to the load perhaps has.
+    # At most 1 once a trial from this pose has failed or led past the load, where Newton's method at the load
+    # would be tried again.
     untried = state.growth > 1
     to_go = verdict.passed | (arrived & ~along) | easy | (narrowed & untried & (look.t >= 1))
     descend = ended & ~verdict.passed

@@ -29,7 +29,8 @@ FAR = 1.9
 """A fifth more than a quarter turn: closer, a rod would be bent sharper than its own radius."""
 
 STEPS = 4
-"""To the closest place, from a secant."""
+"""To the closest place, from a secant. On exosuits of `index` three leave 5e-7 of a piece where it is apart, and
+5e-15 where it touches itself; four 7e-15 everywhere."""
 
 MARGIN = 0.6
 """Distance between balls around two pieces, in the radius of the first one's: a closer piece is searched, and
@@ -325,6 +326,7 @@ def _solve(point: Float[Array, "points 3"], nodes: Piece, curve: _Cubic) -> Floa
         start, low = jnp.where(before, t, start), jnp.where(before, first, low)
         end, high = jnp.where(before, end, t), jnp.where(before, high, first)
         bend = (other - first - second * way) / jnp.maximum(way**2, 1e-30)
+        # Not zero, where the root has no derivative.
         root = jnp.sqrt(jnp.maximum(second**2 - 4 * first * bend, 1e-60))
         t = jnp.clip(t - 2 * first / jnp.maximum(second + root, 1e-30), 0.0, 1.0)
     return t
