@@ -29,8 +29,8 @@ FAR = 1.9
 """A fifth more than a quarter turn: closer, a rod would be bent sharper than its own radius."""
 
 STEPS = 4
-"""To the closest place, from a secant. On exosuits of `index` three leave 5e-7 of a piece where it is apart, and
-5e-15 where it touches itself; four 7e-15 everywhere."""
+"""To the closest place, from a secant. On exosuits of `index` three leave 5e-7 of a piece where it is apart,
+and 5e-15 where it touches itself; four 7e-15 everywhere."""
 
 MARGIN = 0.6
 """Distance between balls around two pieces, in the radius of the first one's: a closer piece is searched, and
