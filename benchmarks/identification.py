@@ -39,6 +39,7 @@ from exosight.system.camera import Camera
 from exosight.system.file import Values, describe
 from exosight.system.simulation import simulate_path
 from exosight.system.system import System
+from exosight.system.units import ANGLE
 from exosight.vision.scene import picture
 
 RESULTS = Path(__file__).parents[1] / "docs" / "results"
@@ -177,9 +178,11 @@ def compared(rig: Rig, found: Identification, scale: float) -> dict[str, Any]:
     scale   commands a newton
     """
     fitted = build(describe(found.values))
-    estimates = {
-        each.entry: (rig.truth[each.entry], each.value, each.low, each.high) for each in found.estimates
-    }
+    estimates = {}
+    for each in found.estimates:
+        unit = ANGLE.units.get(each.unit, 1.0)  # all but angles are in the units of the truth
+        own = [unit * number for number in (each.value, each.low, each.high)]
+        estimates[each.entry] = (rig.truth[each.entry], *own)
 
     def factor(entry: str) -> float:
         true, value, *_ = estimates[entry]

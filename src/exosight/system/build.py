@@ -45,24 +45,7 @@ def build(description: Description) -> System:
         contacts=contacts,
         actuators=build_actuators(description),
         sensors=build_sensors(description, named),
-        cameras=tuple(
-            (
-                name,
-                Camera(
-                    centre=table.centre,
-                    metres_per_pixel=table.pixel,
-                    width=table.width,
-                    height=table.height,
-                    roll=table.roll,
-                    distance=table.distance,
-                    pan=table.pan,
-                    tilt=table.tilt,
-                    distortion=table.distortion,
-                    principal=table.principal,
-                ),
-            )
-            for name, table in description.cameras.items()
-        ),
+        cameras=build_cameras(description),
         energies=weight,
         relaxations=tuple(
             relaxation(
@@ -79,6 +62,28 @@ def build(description: Description) -> System:
     )
     _check_use(system)
     return system
+
+
+def build_cameras(description: Description) -> tuple[tuple[str, Camera], ...]:
+    """Names and cameras, in the order of the description."""
+    return tuple(
+        (
+            name,
+            Camera(
+                centre=table.centre,
+                metres_per_pixel=table.pixel,
+                width=table.width,
+                height=table.height,
+                roll=table.roll,
+                distance=table.distance,
+                pan=table.pan,
+                tilt=table.tilt,
+                distortion=table.distortion,
+                principal=table.principal,
+            ),
+        )
+        for name, table in description.cameras.items()
+    )
 
 
 def _contact(description: Description, name: str, surfaces: Mapping[str, Surface]) -> Contact:

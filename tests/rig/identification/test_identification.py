@@ -100,7 +100,7 @@ def test_a_further_picture_tells_what_its_information_adds(lever: Values, pictur
     (gain,) = information_gains(problem, known, command)
     numbers, slopes = problem.numbers(known.x), model.slopes(known.x[: len(model.parameters)])
     q, _ = relaxed(numbers.system, command, at_rest(numbers.system)[None], np.zeros((1, 1)))
-    camera = model.system(known.x[: len(model.parameters)]).camera
+    camera = model.camera(known.x[: len(model.parameters)])
     seen = filled(predicted_outline(numbers.system, q[0], camera))
     _, by_x, _, _ = problem.seen(known.x, numbers, slopes, seen, command[0], q[0])
     sigma = known.noise * np.sqrt(known.crowding)

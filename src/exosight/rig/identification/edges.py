@@ -5,7 +5,9 @@ The edge is placed where it conserves light: with the gray b(δ) of the body at 
     ∫ (B − g) dt = ∫₀ (B − b(δ)) dδ.
 
 b is that of a round, matt body under the light of our own pictures, up to a factor that a sample inside
-gives. Behind an edge that two bodies share, B is that of the other one.
+gives. Behind an edge that two bodies share, B is that of the other one. What a body covers of a pixel is
+shaded as at the pixel's centre, or as at the edge where that lies outside: so b counts ½ + δ times up to a
+depth of half a pixel, and b(0) an eighth of a pixel more.
 """
 
 from dataclasses import dataclass
@@ -18,6 +20,8 @@ from exosight.vision.renderer import AMBIENT, LAMP
 
 NEAR, REACH = 1.75, 2.5
 """Where the gray on either side of an edge is taken, and how far its light is summed [pixels]."""
+BLUR = np.sqrt(1 / 6)
+"""Deviation of the weights with which linear interpolation takes the mean of pixels [pixels]."""
 FAINT = 10.0
 """Gray values that two things have to differ by for an edge."""
 BUMP = 15.0
@@ -46,11 +50,19 @@ class Limb:
         found = AMBIENT + (1 - AMBIENT) * np.maximum(lit, 0)
         return found if self.even is None else np.where(self.even[:, None], 1.0, found)
 
-    def mean(self, depth: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
-        """Of the gray from the edge to a depth; the squares of the places are evenly spaced."""
-        places = ((np.arange(12) + 0.5) / 12) ** 2
-        weights = np.sqrt(places) / np.sqrt(places).sum()
-        return self.gray(depth[:, None] * places) @ weights
+    def light(self, reach: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
+        """Sum of the gray from the edge to a depth of half a pixel or more, as pictures have it [pixels]."""
+        root = np.linspace(0, 1, 33)[1:] - 1 / 64  # of the depth, which the gray has near the edge
+        depth = reach[:, None] * root**2
+        counted = np.minimum(0.5 + depth, 1) * root / root.sum()
+        edge = self.gray(np.zeros((len(reach), 1)))[:, 0] / 8
+        # Interpolated profiles end in means of what lies BLUR before and behind.
+        rise = self.gray(reach[:, None] + BLUR * np.array([-1.0, 1.0])) @ [-1.0, 1.0] / (2 * BLUR)
+        return np.sum(self.gray(depth) * counted, axis=1) * reach + edge + BLUR**2 / 2 * rise
+
+    def interpolated(self, depth: Float[np.ndarray, " points"]) -> Float[np.ndarray, " points"]:
+        """The gray at depths of BLUR or more, where a picture is linear between pixels."""
+        return self.gray(depth[:, None] + BLUR * np.array([-1.0, 1.0])).mean(axis=1)
 
 
 def thickness(
@@ -78,9 +90,9 @@ def balance(
         edge: list[np.ndarray] = []
         for limb, end, side in ((inner, ends[0], -1.0), (outer, ends[1], 1.0)):
             depth = np.maximum(side * (t[end] - shift), 0.3)
-            bright = profile[:, end] / limb.gray(depth[:, None])[:, 0]
+            bright = profile[:, end] / limb.interpolated(depth)
             reach = REACH + side * -shift
-            light.append(bright * limb.mean(reach) * reach)
+            light.append(bright * limb.light(reach))
             edge.append(bright * limb.gray(np.zeros((len(shift), 1)))[:, 0])
         contrast, mean = edge[1] - edge[0], (edge[0] + edge[1]) / 2
         steep = np.where(np.abs(contrast) < FAINT, np.inf, contrast)

@@ -75,7 +75,7 @@ class Fit:
     q       (pictures, dofs)   poses of the pictures so far
     noise   σ of the outline [pixels]
     rows    at x
-    moves   (pictures, dofs, parameters)   dq/dx
+    moves   (pictures, dofs, parameters)   dq/dx, by the parameters before the camera's
     """
 
     x: Float[np.ndarray, " unknowns"]
@@ -133,7 +133,7 @@ class Problem:
                 if np.isfinite(measured):
                     reading.append((float(value.readings[i]) - measured) / error)
                     row = np.zeros(self.unknowns)
-                    row[: len(self.model.parameters)] = np.asarray(slope.readings[i]) / error
+                    row[: slope.readings.shape[-1]] = np.asarray(slope.readings[i]) / error
                     gain.append(row)
         rows = Rows(
             np.concatenate(outline),

@@ -68,16 +68,18 @@ def outline_rows(
 ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, "points unknowns"]]:
     """Distances of a picture's points from the model's outline [pixels], by parameters and then edge offsets.
 
-    view               and its derivatives, see `Numbers`
+    slope              by the first of the parameters; nothing else depends on the others but the view
+    view               and its derivatives by all of them, see `Numbers`
     offset             of each tube's edge [pixels]; its unknown counts in deviations
     """
-    tubes = len(offset)
+    tubes, parameters = len(offset), view[1].shape[-1]
 
     def widened(leaf: AnyArray) -> np.ndarray:
         leaf = np.asarray(leaf)
-        return np.concatenate([leaf, np.zeros((*leaf.shape[:-1], tubes))], axis=-1)
+        none = np.zeros((*leaf.shape[:-1], parameters + tubes - leaf.shape[-1]))
+        return np.concatenate([leaf, none], axis=-1)
 
-    own = np.concatenate([np.zeros((tubes, view[1].shape[-1])), offset_deviation * np.eye(tubes)], axis=1)
+    own = np.concatenate([np.zeros((tubes, parameters)), offset_deviation * np.eye(tubes)], axis=1)
     at = (value.axes, value.radii, view[0], offset)
     slopes = (tuple(map(widened, slope.axes)), tuple(map(widened, slope.radii)), widened(view[1]), own)
     found, derivative = _outline_rows(

@@ -160,7 +160,7 @@ def information_gains(
     """What one more picture at each command, approached from rest, would tell [nats]; NaN without a pose."""
     own = known.x[: len(problem.model.parameters)]
     numbers, slopes = problem.numbers(known.x), problem.model.slopes(own)
-    camera = problem.model.system(own).camera
+    camera = problem.model.camera(own)
     rest = np.tile(at_rest(numbers.system), (len(commands), 1))
     q, stable = relaxed(numbers.system, commands, rest, np.zeros_like(commands))
     gains = np.full(len(commands), np.nan)

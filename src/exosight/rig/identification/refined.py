@@ -149,14 +149,15 @@ class Refiner:
         count = len(self._model.parameters)
         numbers, slopes = problem.numbers(state.x), self._model.slopes(state.x[:count])
         _, _, value, slope = problem.seen(state.x, numbers, slopes, problem.pictures[0], command, state.q[0])
-        gradient = np.asarray(slope.readings)
+        gradient = np.asarray(slope.readings)  # no reading depends on the camera
+        bodies = gradient.shape[-1]
         shares = [
             self._model.parameters[i].value(float(state.x[i])) / self._model.parameters[i].nominal
             for i in self._gains
         ]
         return Refined(
             readings=np.asarray(value.readings),
-            covariance=gradient @ known.covariance[:count, :count] @ gradient.T,
+            covariance=gradient @ known.covariance[:bodies, :bodies] @ gradient.T,
             q=state.q[0],
             command=command * shares,
             misfit=float(np.sqrt(np.mean(state.rows.outline**2))),

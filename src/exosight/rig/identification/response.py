@@ -21,7 +21,8 @@ from exosight.mechanics import Equilibria, State, advance, initial_state
 from exosight.mechanics.sensitivity import SNAP, differentiable_unchecked
 from exosight.rig.identification.distances import view_of
 from exosight.rig.identification.parameters import Parameter, values_at
-from exosight.system.build import build
+from exosight.system.build import build, build_cameras
+from exosight.system.camera import Camera
 from exosight.system.file import Values, describe
 from exosight.system.observation import observe_state
 from exosight.system.surfaces import SphereSurface
@@ -52,7 +53,8 @@ class Model:
     def __init__(self, values: Values, parameters: Sequence[Parameter]) -> None:
         self.values, self.parameters = values, tuple(parameters)
         zero = np.zeros(len(parameters))
-        self.nominal = build(describe(values))
+        description = describe(values)
+        self.nominal, self._cameras = build(description), description.cameras
         if self.nominal.robot.memories:
             raise InputError(
                 f"{self.nominal.name}: its contacts have friction, so that poses depend on what was before; "
@@ -74,21 +76,25 @@ class Model:
 
     def numbers(self, x: Float[np.ndarray, " parameters"]) -> Numbers:
         """Those at x, of the nominal system's structure; InputError where there is no system."""
-        system = self.system(x)
-        return Numbers(replace(system, cameras=self.nominal.cameras), view_of(system.camera))
+        description = describe(values_at(self.values, self.parameters, x))
+        system = build(replace(description, cameras=self._cameras))
+        return Numbers(system, view_of(build_cameras(description)[0][1]))
 
-    def system(self, x: Float[np.ndarray, " parameters"]) -> System:
-        """The system at x with its own camera; InputError where there is none."""
-        return build(describe(values_at(self.values, self.parameters, x)))
+    def camera(self, x: Float[np.ndarray, " parameters"]) -> Camera:
+        """The camera at x; InputError where there is none."""
+        return build_cameras(describe(values_at(self.values, self.parameters, x)))[0][1]
 
     def slopes(self, x: Float[np.ndarray, " parameters"]) -> Numbers:
-        """Derivatives of the numbers by x, along a last axis."""
+        """Derivatives of the numbers by x, along a last axis: of the system by the parameters before the
+        camera's, of the view by all."""
         columns = []
         for i, each in enumerate(self.parameters):
             by_value = self._linear[i] if i in self._linear else self._slope(x, i)
             scale = each.slope(float(x[i]))
             columns.append(jax.tree.map(lambda leaf, scale=scale: scale * leaf, by_value))
-        return jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *columns)
+        slopes: Numbers = jax.tree.map(lambda *leaves: np.stack(leaves, axis=-1), *columns)
+        bodies = sum(not each.entry.startswith("cameras.") for each in self.parameters)
+        return Numbers(jax.tree.map(lambda leaf: leaf[..., :bodies], slopes.system), slopes.view)
 
     def _slope(self, x: Float[np.ndarray, " parameters"], i: int) -> Numbers:
         """Derivatives of the numbers by the number of an entry."""
@@ -129,7 +135,7 @@ class Response(NamedTuple):
 def response(
     system: System, slopes: System, command: Float[AnyArray, " channels"], q: Float[AnyArray, " dofs"]
 ) -> tuple[Response, Response]:
-    """What an equilibrium shows, and its derivatives by the parameters of `slopes`.
+    """What an equilibrium shows, and its derivatives by the parameters that `slopes` are by.
 
     q   (dofs,)   a stable equilibrium at the command
     """
