@@ -38,8 +38,8 @@ STEPS = 40
 """At most, with all pictures."""
 EARLY_STEPS = 3
 """With a part of the pictures."""
-EVERY = 2
-"""Pictures that are taken in before the next search."""
+MORE = 2.0
+"""Times as many pictures are taken in before the next search."""
 LITTLE = 0.005
 """A gain that ends a search: that of a tenth of a deviation of the posterior along one direction."""
 MOST_DAMPED = 1e4
@@ -181,22 +181,21 @@ def fit(problem: Problem, done: Callable[[int], None] = lambda pictures: None) -
 
     Raises ConvergenceError if no pose of the first picture is found.
     """
-    x, pose = _placed(problem)
-    state = started(problem, x, pose, LARGEST_NOISE)
-    count, rested = len(problem.pictures), False
-    for k in range(1, count + 1):
-        if k > 1:
-            system = problem.numbers(state.x).system
-            pose, stable = relaxed(
-                system, problem.commands[k - 1 : k], state.q[-1:], problem.commands[k - 2 : k - 1]
-            )
-            if not stable[0]:
-                raise ConvergenceError(f"no stable pose at the command of picture {k}; check the loads")
-            state = started(problem, state.x, np.concatenate([state.q, pose]), state.noise)
-        if k in (count, 1, 2, 3) or k % EVERY == 0:
-            state, rested = search(problem, state, STEPS if k == count else EARLY_STEPS)
+    x, q = _placed(problem)
+    count, searched, noise = len(problem.pictures), 0, LARGEST_NOISE
+    for k in range(1, count):
+        if k >= MORE * searched:
+            state, _ = search(problem, started(problem, x, q, noise), EARLY_STEPS)
+            x, q, noise, searched = state.x, state.q, state.noise, k
         done(k)
-    return state, rested
+        system = problem.numbers(x).system
+        pose, stable = relaxed(system, problem.commands[k : k + 1], q[-1:], problem.commands[k - 1 : k])
+        if not stable[0]:
+            raise ConvergenceError(f"no stable pose at the command of picture {k + 1}; check the loads")
+        q = np.concatenate([q, pose])
+    found = search(problem, started(problem, x, q, noise), STEPS)
+    done(count)
+    return found
 
 
 def refitted(problem: Problem, start: Fit) -> tuple[Fit, bool]:
