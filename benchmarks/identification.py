@@ -33,6 +33,7 @@ from exosight.exosuit.index import index
 from exosight.exosuit.index_file import index_values
 from exosight.rig.identification.measurements import Measurements
 from exosight.rig.identification.outlines import Outline, outline_of_picture
+from exosight.rig.identification.posterior import NORMAL_95
 from exosight.rig.identification.result import Identification, identify
 from exosight.system.build import build
 from exosight.system.camera import Camera
@@ -178,11 +179,13 @@ def compared(rig: Rig, found: Identification, scale: float) -> dict[str, Any]:
     scale   commands a newton
     """
     fitted = build(describe(found.values))
-    estimates = {}
-    for each in found.estimates:
+    estimates, noise = {}, {}
+    alone = np.sqrt(np.diag(found.posterior.independent))
+    for i, each in enumerate(found.estimates):
         unit = ANGLE.units.get(each.unit, 1.0)  # all but angles are in the units of the truth
         own = [unit * number for number in (each.value, each.low, each.high)]
         estimates[each.entry] = (rig.truth[each.entry], *own)
+        noise[each.entry] = (own[2] - own[1]) / (2 * NORMAL_95) * float(alone[i]) / each.share
 
     def factor(entry: str) -> float:
         true, value, *_ = estimates[entry]
@@ -192,6 +195,7 @@ def compared(rig: Rig, found: Identification, scale: float) -> dict[str, Any]:
     return {
         "true, found, low, high": estimates,
         "wide": {each.entry: each.share for each in found.estimates},
+        "deviation by noise alone": noise,
         "camera": {
             "scale [%]": 100 * abs(camera.metres_per_pixel / real.metres_per_pixel - 1),
             "shift [% of the width]": 100

@@ -91,11 +91,15 @@ def table(rows: list[Row]) -> str:
             *(f"{100 * inside(chosen):.1f}" for chosen in cases.values()),
         ],
         ["error of joint stiffness over modulus [%]", *of(lambda row: row["ratios [%]"])],
+        ["deviation of the distal joint by noise alone [%]", *of(distal_by_noise)],
         ["error of the camera's scale [%]", *of(lambda row: row["camera"]["scale [%]"], 3)],
         ["its position [% of the image]", *of(lambda row: row["camera"]["shift [% of the width]"])],
         ["its roll [deg]", *of(lambda row: row["camera"]["roll [deg]"], 3)],
         *(
-            [["its direction, pan and tilt [deg]", *of(lambda row: row["camera"]["direction [deg]"], 3)]]
+            [
+                ["its direction, pan and tilt [deg]", *of(lambda row: row["camera"]["direction [deg]"], 3)],
+                ["deviation of pan and tilt by noise alone [deg]", *of(aside_by_noise, 3)],
+            ]
             if all(row["camera"].get("direction [deg]") for row in rows)
             else []
         ),
@@ -103,6 +107,17 @@ def table(rows: list[Row]) -> str:
         ["time of one core [s]", *of(lambda row: row["CPU seconds"], 0)],
     ]
     return table_of(("median, 95th percentile", *names), lines)
+
+
+def distal_by_noise(row: Row) -> float:
+    """Standard deviation of the stiffness of the joint that is told least [%]."""
+    entry = "links.finger_2.joint.stiffness"
+    return 100 * row["deviation by noise alone"][entry] / row["true, found, low, high"][entry][0]
+
+
+def aside_by_noise(row: Row) -> Float[np.ndarray, "2"]:
+    """Standard deviations of pan and tilt [deg]."""
+    return np.rad2deg([row["deviation by noise alone"][f"cameras.camera.{name}"] for name in ("pan", "tilt")])
 
 
 def inside(rows: list[Row]) -> float:
