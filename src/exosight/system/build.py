@@ -15,7 +15,7 @@ from exosight.system.build_bodies import build_bodies, rod_points
 from exosight.system.build_sensors import build_sensors
 from exosight.system.build_surfaces import build_surfaces
 from exosight.system.camera import Camera
-from exosight.system.description import JOINT_COORDINATES, Description
+from exosight.system.description import JOINT_COORDINATES, CameraTable, Description
 from exosight.system.faults import at_place
 from exosight.system.surfaces import PlaneSurface, SphereSurface, Surface
 from exosight.system.system import Contact, System
@@ -45,7 +45,7 @@ def build(description: Description) -> System:
         contacts=contacts,
         actuators=build_actuators(description),
         sensors=build_sensors(description, named),
-        cameras=build_cameras(description),
+        cameras=tuple((name, _camera(table)) for name, table in description.cameras.items()),
         energies=weight,
         relaxations=tuple(
             relaxation(
@@ -64,25 +64,23 @@ def build(description: Description) -> System:
     return system
 
 
-def build_cameras(description: Description) -> tuple[tuple[str, Camera], ...]:
-    """Names and cameras, in the order of the description."""
-    return tuple(
-        (
-            name,
-            Camera(
-                centre=table.centre,
-                metres_per_pixel=table.pixel,
-                width=table.width,
-                height=table.height,
-                roll=table.roll,
-                distance=table.distance,
-                pan=table.pan,
-                tilt=table.tilt,
-                distortion=table.distortion,
-                principal=table.principal,
-            ),
-        )
-        for name, table in description.cameras.items()
+def first_camera(description: Description) -> Camera:
+    """The camera whose pictures networks see, without the system."""
+    return _camera(next(iter(description.cameras.values())))
+
+
+def _camera(table: CameraTable) -> Camera:
+    return Camera(
+        centre=table.centre,
+        metres_per_pixel=table.pixel,
+        width=table.width,
+        height=table.height,
+        roll=table.roll,
+        distance=table.distance,
+        pan=table.pan,
+        tilt=table.tilt,
+        distortion=table.distortion,
+        principal=table.principal,
     )
 
 

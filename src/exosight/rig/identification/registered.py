@@ -16,7 +16,7 @@ from exosight.rig.identification.parameters import Parameter, Prior, complete, v
 from exosight.rig.identification.posterior import NORMAL_95, posterior
 from exosight.rig.identification.refined import ONE_PICTURE, uncertain
 from exosight.rig.identification.response import Model
-from exosight.system.build import build
+from exosight.system.build import first_camera
 from exosight.system.camera import Camera, project
 from exosight.system.file import Values, describe
 from exosight.system.observation import body_axes
@@ -105,7 +105,7 @@ def register(values: Values, outlines: tuple[Outline, ...], prior: Prior | None 
         clear = abs(by) > max(half, CLEAR * allowed[each.entry])
         unit, size = _shown_in(each)
         changes.append(Change(each.entry, unit, size * by, size * half, clear))
-    after = build(describe(moved)).camera
+    after = first_camera(describe(moved))
     return Registered(
         values=moved,
         before=model.nominal.camera,

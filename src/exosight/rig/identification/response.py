@@ -21,8 +21,9 @@ from exosight.mechanics import Equilibria, State, advance, initial_state
 from exosight.mechanics.sensitivity import SNAP, differentiable_unchecked
 from exosight.rig.identification.distances import view_of
 from exosight.rig.identification.parameters import Parameter, values_at
-from exosight.system.build import build, build_cameras
+from exosight.system.build import build, first_camera
 from exosight.system.camera import Camera
+from exosight.system.description import Description
 from exosight.system.file import Values, describe
 from exosight.system.observation import observe_state
 from exosight.system.surfaces import SphereSurface
@@ -76,13 +77,16 @@ class Model:
 
     def numbers(self, x: Float[np.ndarray, " parameters"]) -> Numbers:
         """Those at x, of the nominal system's structure; InputError where there is no system."""
-        description = describe(values_at(self.values, self.parameters, x))
+        description = self._description(x)
         system = build(replace(description, cameras=self._cameras))
-        return Numbers(system, view_of(build_cameras(description)[0][1]))
+        return Numbers(system, view_of(first_camera(description)))
 
     def camera(self, x: Float[np.ndarray, " parameters"]) -> Camera:
         """The camera at x; InputError where there is none."""
-        return build_cameras(describe(values_at(self.values, self.parameters, x)))[0][1]
+        return first_camera(self._description(x))
+
+    def _description(self, x: Float[np.ndarray, " parameters"]) -> Description:
+        return describe(values_at(self.values, self.parameters, x))
 
     def slopes(self, x: Float[np.ndarray, " parameters"]) -> Numbers:
         """Derivatives of the numbers by x, along a last axis: of the system by the parameters before the
