@@ -12,6 +12,7 @@ A stopped process ends without taking the interpreter down, in which native thre
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -97,6 +98,8 @@ def _imports(frame: FrameType | None) -> bool:
 def stoppable(*, watched: bool) -> Iterator[None]:
     """Raise `Stopped` in what runs within when a signal comes, and behind it if the exception got lost.
 
+    Python shows what a callback or a finaliser raises and drops; a stop is not shown.
+
     A signal that is ignored, as under nohup, stays so.
 
     watched   end the process where the main thread does not in time: for a process that does nothing else
@@ -112,6 +115,8 @@ def stoppable(*, watched: bool) -> Iterator[None]:
         os.set_blocking(wake, False)
         signal.set_wakeup_fd(wake, warn_on_full_buffer=False)
         threading.Thread(target=STOP._watch, args=(pipe,), daemon=True, name="stop").start()
+    unraisable = sys.unraisablehook
+    sys.unraisablehook = lambda lost: None if lost.exc_type is Stopped else unraisable(lost)
     for kind in kinds:
         signal.signal(kind, STOP._came)
     try:
@@ -121,5 +126,6 @@ def stoppable(*, watched: bool) -> Iterator[None]:
         STOP.check()
         raise
     finally:
+        sys.unraisablehook = unraisable
         for kind in kinds:
             signal.signal(kind, before[kind])
