@@ -16,12 +16,12 @@ from typing import Any
 import cv2
 import numpy as np
 
-from exosight.control.estimator import SHIPPED_MODELS, OnnxEstimator
+from exosight.control.estimator import NAMED_MODELS, OnnxEstimator
 from exosight.dataset.config import GenerateConfig
 from exosight.dataset.designs import design_set, draw_designs
 from exosight.dataset.frames import Frames, take
 from exosight.dataset.simulation import simulate_designs
-from exosight.evaluation.metrics import score
+from exosight.evaluation.metrics import Scores, score
 from exosight.evaluation.ood_detection import auroc
 from exosight.learning.large_error import LIKELY
 from exosight.system.camera import Camera
@@ -90,6 +90,16 @@ def draw(folder: Path) -> None:
     )
 
 
+def accuracy(scores: Scores) -> dict[str, float]:
+    """r and RMSE of F_net [-, N], mean r of the zones and r of the last one."""
+    return {
+        "r_net": round(scores.sums[0].r, 4),
+        "rmse_net": round(scores.sums[0].rmse, 4),
+        "r_zones": round(scores.r.mean, 4),
+        "r_last": round(scores.outputs[-1].r, 4),
+    }
+
+
 def measure(model: Path, folder: Path) -> dict[str, Any]:
     """A network on each kind of picture, and on the clean ones of the same frames."""
     network = OnnxEstimator.load(model)
@@ -111,10 +121,7 @@ def measure(model: Path, folder: Path) -> dict[str, Any]:
         assert probable is not None
         found[name] = {
             "frames": len(shown),
-            "r_net": round(scores.sums[0].r, 4),
-            "rmse_net": round(scores.sums[0].rmse, 4),
-            "r_zones": round(scores.r.mean, 4),
-            "r_last": round(scores.outputs[-1].r, 4),
+            **accuracy(scores),
             "r_but_last": round(float(np.mean([each.r for each in scores.outputs[:-1]])), 4),
             "pressed_last": int((truth[:, -1] > 0).sum()),
             "held": round(float(held[above].mean()), 3),
@@ -134,15 +141,15 @@ def main() -> None:
     """Draw what is missing, measure, write."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--model", type=Path, nargs="*", default=[SHIPPED_MODELS["index"]])
+    parser.add_argument("--model", nargs="+", choices=list(NAMED_MODELS), default=["index"])
     given = parser.parse_args()
     if not (given.data / "pictures.npz").exists():
         draw(given.data)
     found = json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
     for model in given.model:
-        found[model.stem] = measure(model, given.data)
-        for kind, values in found[model.stem].items():
-            print(model.stem, kind, values)
+        found[model] = measure(NAMED_MODELS[model], given.data)
+        for kind, values in found[model].items():
+            print(model, kind, values)
     RESULTS.write_text(json.dumps(found, indent=1) + "\n")
 
 

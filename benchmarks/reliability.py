@@ -18,12 +18,15 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.photographs import accuracy
 from exosight.app.data import load
 from exosight.control.estimator import NAMED_MODELS, OnnxEstimator, Reading
 from exosight.dataset.frames import Frames, take
+from exosight.evaluation.metrics import score
 from exosight.evaluation.ood_detection import auroc
 from exosight.learning.causes import UNRELATED
 from exosight.learning.large_error import LIKELY, is_large
+from exosight.learning.model_file import ModelCard
 from exosight.vision.disturbances import HELD_OUT_DISTURBANCES, disturbed
 from exosight.vision.ood_images import OOD_KINDS, draw_ood_images
 
@@ -82,7 +85,7 @@ def measure(model: Path, frames: Frames, photos: Frames | None) -> dict[str, Any
             large = is_large(meant, card.schema, reading.forces, frames.labels)
             every.append((reading, large))
             name = f"{cause}: {kind}" if kind else cause
-            found["sets"][name] = _row(reading, large, frames.labels, weights, card.causes)
+            found["sets"][name] = _row(reading, large, frames.labels, card)
     found["disturbed"] = _follows(every, weights)
     found["other things"] = {}
     for kind in sorted(set(OOD_KINDS) - set(UNRELATED)):
@@ -96,7 +99,8 @@ def measure(model: Path, frames: Frames, photos: Frames | None) -> dict[str, Any
     if photos is not None:
         reading = network.read(photos.images)
         large = is_large(meant, card.schema, reading.forces, photos.labels)
-        found["photo-like"] = _follows([(reading, large)], weights)
+        scores = score(card.schema, photos.labels, reading.forces)
+        found["photo-like"] = _follows([(reading, large)], weights) | accuracy(scores)
     return found
 
 
@@ -121,14 +125,12 @@ def _follows(every: list[tuple[Reading, np.ndarray]], weights: np.ndarray) -> di
     return found
 
 
-def _row(
-    reading: Reading, large: np.ndarray, truth: np.ndarray, weights: np.ndarray, causes: tuple[str, ...]
-) -> dict[str, Any]:
+def _row(reading: Reading, large: np.ndarray, truth: np.ndarray, card: ModelCard) -> dict[str, Any]:
     assert reading.error_probability is not None
     flagged = reading.error_probability > LIKELY
     row: dict[str, Any] = {
         "frames": len(truth),
-        "rmse_net": round(float(np.sqrt(np.mean(((reading.forces - truth) @ weights) ** 2))), 4),
+        **accuracy(score(card.schema, truth, reading.forces)),
         "large": round(float(large.mean()), 3),
         "flagged": round(float(flagged.mean()), 3),
         "ood": round(float(np.mean(reading.ood_score > 1)), 3),
@@ -136,7 +138,7 @@ def _row(
     unusual = flagged | (reading.ood_score > 1)
     if reading.causes is not None and unusual.any():
         named = reading.causes[unusual].argmax(axis=1)
-        row["causes"] = {cause: round(float(np.mean(named == k)), 3) for k, cause in enumerate(causes)}
+        row["causes"] = {cause: round(float(np.mean(named == k)), 3) for k, cause in enumerate(card.causes)}
     return row
 
 
