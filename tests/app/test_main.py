@@ -25,13 +25,12 @@ from exosight.system.camera import Camera
 from exosight.vision import OOD_KINDS
 
 Refused = Callable[..., str]
-PROGRAM = "import sys; from exosight.app.main import main; main(sys.argv[1:])"
 
 
 def started(*words: str, **options) -> subprocess.CompletedProcess[str]:
     """The program in a process of its own."""
     return subprocess.run(
-        [sys.executable, "-c", PROGRAM, *words], stderr=subprocess.PIPE, text=True, timeout=120, **options
+        [sys.executable, "-m", "exosight", *words], stderr=subprocess.PIPE, text=True, timeout=120, **options
     )
 
 

@@ -48,8 +48,7 @@ class Prior:
     edge: float = 0.2
     """by which outlines are found too far outside or inside [pixels]"""
     shared: float = 0.03
-    """by which they are so differently along each side of a body, alike in all pictures [pixels]; with a
-    blur of half a pixel it was 0.025"""
+    """by which they are so differently along each side of a body, alike in all pictures [pixels]"""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
