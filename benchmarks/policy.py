@@ -29,7 +29,7 @@ from exosight.exosuit.catalogue import nominal_system
 HIDDEN = (64, 64)
 EPOCHS, BATCH, RATE, DECAY = 12, 256, 2e-3, 1e-3
 NOISE = 0.1  # of the normalised inputs, against learning single episodes by heart
-TOO_MUCH = 1.6  # weight of a force beyond the target
+TOO_MUCH = 1.2  # weight of a force beyond the target
 BAND = 0.05  # of the target, in which a force is settled
 _SEED = 0
 

@@ -1,6 +1,6 @@
 """What a learned policy learns from: what the adaptive controller knows, and how far the best command is off.
 
-    python -m benchmarks.policy_data FOLDER --episodes 1800 --seed 5100
+    python -m benchmarks.policy_data FOLDER --episodes 4000 --seed 5100
 
 writes `FOLDER/rows.npz`. Targets, users, and late, lost, noisy or hidden frames are those of the stress test,
 of another seed. The plants are not solved: each is the nominal path F₀(u) of `index`, scaled and shifted,
@@ -10,23 +10,28 @@ of another seed. The plants are not solved: each is the nominal path F₀(u) of 
 with k the factor of the user's joint stiffness, φ his flexion, and (σ, δ) drawn for every wearer. So the best
 command, d + s U₀(F_t/s), is known. `python -m benchmarks.policy_users` measures these numbers on 64 episodes
 with solved plants, whose F_net the model meets with a median error of 0.6 % (RMS 4 %).
+
+In every second episode the sensor errs as `index-control` does, which `policy_users` measures as well: by a
+factor for each wearer, another for each frame, and forces where nothing presses.
 """
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
+from exosight.control.batch import Plants
+from exosight.control.estimator import Reading
 from exosight.control.learned import Learned
 from exosight.control.paths import ControllerConfig
 from exosight.control.scheduled import RELEASED
 from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import Episode, draw_episode
-from exosight.control.stress.frames import FrameDelivery, true_sensor
+from exosight.control.stress.frames import FrameDelivery, Images, Look, true_sensor
 from exosight.control.stress.plants import StressPlants, stress_plants
 from exosight.exosuit.catalogue import find_system
 
@@ -39,6 +44,14 @@ SHIFT_BY_USER = (-0.200, 2.076, -0.911)
 """b: of d [N], per log k, per radian of φ, per radian and log k."""
 WEARERS = (-0.018, 0.042), ((0.0314, -0.0100), (-0.0100, 0.0275))
 """Mean and covariance of (σ, δ [N])."""
+ESTIMATED = 0.013, 0.013, 0.012
+"""Of the network's F_net, the mean of the logarithm of estimate over truth, its deviation among wearers, and
+among the frames of one."""
+UNPRESSED = 5e-4
+"""Estimates where nothing presses [N], RMS."""
+NOISY, REFUSED = 0.25, 0.03
+"""Of images with noise, the deviation of that logarithm over the noise's, and the variance of the noise from
+which on they are out of distribution; images on which something hides the device all are."""
 TOGETHER = 200
 
 
@@ -99,7 +112,27 @@ def users(
     return np.exp(s), d
 
 
-def rows(episodes: Sequence[Episode], plants: PathPlants) -> dict[str, np.ndarray]:
+def sensor(seed: int) -> Look:
+    """The true readings, in every second episode as the network would estimate them."""
+    random = np.random.default_rng([seed, 1])
+    mean, wearer, frame = ESTIMATED
+    of_wearers = random.normal(mean, wearer, TOGETHER)
+
+    def look(plant: Plants, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
+        images, read = true_sensor(plant, episodes, step)
+        forces, ood_score = read.forces.copy(), read.ood_score.copy()
+        for i, episode in list(enumerate(episodes))[::2]:
+            noise = max((b.noise for b in episode.bursts if b.first <= step <= b.last), default=0.0)
+            ood_score[i] = 2.0 if noise > REFUSED else ood_score[i]
+            error = of_wearers[i] + random.normal(0.0, np.hypot(frame, NOISY * np.sqrt(noise)))
+            true, nothing = plant.state.outputs[i], np.abs(random.normal(0.0, UNPRESSED, forces.shape[1]))
+            forces[i] = np.where(true > 0, true * np.exp(error), nothing)
+        return images, replace(read, forces=forces, low=forces, high=forces, ood_score=ood_score)
+
+    return look
+
+
+def rows(episodes: Sequence[Episode], plants: PathPlants, look: Look) -> dict[str, np.ndarray]:
     """Every step of the episodes in which the best command is within reach, a row each, without corrections.
 
     returns  `inputs` of a policy; `missing`, what the observer's command lacks [the channel's unit]; `worth`,
@@ -110,7 +143,7 @@ def rows(episodes: Sequence[Episode], plants: PathPlants) -> dict[str, np.ndarra
     state = SimpleNamespace(outputs=plants.outputs(0, np.zeros(len(episodes))))
     state.commands = config.commands(np.zeros(len(episodes)))
     plant: Any = SimpleNamespace(state=state)
-    frames, u = FrameDelivery(episodes, true_sensor), np.zeros(len(episodes))
+    frames, u = FrameDelivery(episodes, look), np.zeros(len(episodes))
     found: list[tuple[np.ndarray, float, float, int]] = []
     for step in range(1, episodes[0].drop):
         measurements = frames.measurements(plant, step - 1)
@@ -135,7 +168,7 @@ def collect(plants: StressPlants, episodes: int, seed: int) -> dict[str, np.ndar
     for first in range(0, episodes, TOGETHER):
         numbers = range(first, min(first + TOGETHER, episodes))
         drawn = [draw_episode(StressConfig(), seed, number, plants) for number in numbers]
-        part = rows(drawn, path_plants(drawn, plants.limits, seed + first))
+        part = rows(drawn, path_plants(drawn, plants.limits, seed + first), sensor(seed + first))
         part["episode"] += first
         parts.append(part)
         print(f"{numbers[-1] + 1} of {episodes} episodes", flush=True)
@@ -146,7 +179,7 @@ def main() -> None:
     """Write the rows."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("--episodes", type=int, default=1800)
+    parser.add_argument("--episodes", type=int, default=4000)
     parser.add_argument("--seed", type=int, default=5100)
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)

@@ -1,24 +1,29 @@
-"""By how much wearers and moving users scale and shift the force path of `index`: the numbers of
-`benchmarks.policy_data`.
+"""By how much wearers and moving users scale and shift the force path of `index`, and how the network of the
+loop errs: the numbers of `benchmarks.policy_data`.
 
     python -m benchmarks.policy_users --episodes 64 --seed 5001
 
 Solved plants under the commands of the adaptive controller and of the oracle. The coefficients of the users'
 stiffness and flexion are fitted to the first 16 episodes whose users move, scale and shift of the wearer to
-each episode.
+each episode. The network, `index-control`, is that of a third run.
 """
 
 import argparse
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from benchmarks.policy_data import SYSTEM, PathPlants, users
 from exosight.control.adaptive import Adaptive
+from exosight.control.batch import Plants
+from exosight.control.estimator import OnnxEstimator, Reading, model_path
 from exosight.control.paths import ControllerConfig
 from exosight.control.stress import StressConfig
-from exosight.control.stress.episodes import draw_episode
-from exosight.control.stress.frames import true_sensor
+from exosight.control.stress.episodes import Episode, draw_episode
+from exosight.control.stress.frames import Images, camera_sensor, true_sensor
 from exosight.control.stress.oracle import run_oracle
 from exosight.control.stress.plants import stress_plants
 from exosight.control.stress.suite import run_episodes
@@ -26,6 +31,7 @@ from exosight.exosuit.catalogue import find_system
 
 _PRESSING = 0.02  # [N]: below it the path is flat
 _MOVING = 16  # episodes that the coefficients are fitted to: scale and shift are hardly told apart by more
+_LOADED = 0.05  # [N]: from there on the network's errors are shares of the force
 _START = (0.3, 0.0, 0.0, 1.0, 0.0)
 
 Samples = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -43,6 +49,34 @@ def errors(config: ControllerConfig, users_: np.ndarray, wearer: np.ndarray, sam
 def wearer_of(config: ControllerConfig, users_: np.ndarray, samples: Samples) -> np.ndarray:
     """(σ, δ) of one episode."""
     return least_squares(lambda x: errors(config, users_, x, samples), [0.0, 0.0], max_nfev=8).x
+
+
+def print_network(episodes: Sequence[Episode], config: ControllerConfig) -> None:
+    """Run the episodes with the network as sensor, and print how its estimates are off."""
+    sense = camera_sensor(OnnxEstimator.load(model_path(Path("index-control"), SYSTEM)))
+    seen: list[tuple[np.ndarray, ...]] = []
+
+    def look(plant: Plants, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
+        images, read = sense(plant, episodes, step)
+        noise = [sum(b.noise for b in e.bursts if b.first <= step <= b.last) for e in episodes]
+        seen.append((np.array(plant.state.outputs), read.forces, read.ood_score > 1, np.array(noise)))
+        return images, read
+
+    run_episodes(episodes, [Adaptive(config) for _ in episodes], look, config)
+    true, found, refused, noise = map(np.stack, zip(*seen, strict=True))
+    force = true.sum(axis=2)
+    off = np.log(np.maximum(found.sum(axis=2), 1e-3) / np.maximum(force, 1e-3))
+    off = np.where((force > _LOADED) & ~refused, off, np.nan)
+    plain = np.where(noise == 0, off, np.nan)
+    wearers = np.nanmean(plain, axis=0)
+    print("log of estimate over truth: mean, deviation of wearers, of the frames of one", end=" ")
+    print(np.round((wearers.mean(), wearers.std(), np.nanstd(plain, axis=0).mean()), 4))
+    free = found[(true == 0) & (noise == 0)[..., None] & ~refused[..., None]]
+    print(f"where nothing presses: {1e3 * np.sqrt(np.mean(free**2)):.2f} mN (RMS)")
+    for low, high in pairwise((1e-3, 3e-3, 1e-2, 3e-2, 1e-1)):
+        of_noise = (noise > low) & (noise < high)
+        share, spread = refused[of_noise].mean(), np.nanstd((off - wearers)[of_noise])
+        print(f"noise {low:g} to {high:g}: {100 * share:.0f} % refused, deviation of the others {spread:.3f}")
 
 
 def main() -> None:
@@ -79,6 +113,7 @@ def main() -> None:
     print("scale by user", np.round(found[:2], 3), "shift by user", np.round(found[2:], 3))
     print("wearers: mean", np.round(wearers.mean(axis=0), 4), "covariance", np.round(np.cov(wearers.T), 4))
     print(f"error of the force: median {100 * np.median(np.abs(left)):.1f} %, RMS {100 * np.std(left):.1f} %")
+    print_network(episodes, config)
 
 
 if __name__ == "__main__":
