@@ -7,7 +7,6 @@ takes what its stages take. Judged are the steps in which u moves: where it rest
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -16,7 +15,7 @@ import numpy as np
 from exosight.app.bench import cpu_name
 from exosight.app.pipeline import camera_of
 from exosight.control import CONTROL_SHAPE, Adaptive, Guarded, OnnxEstimator, Scheduled
-from exosight.control.estimator import DEFAULT_MODEL, model_path
+from exosight.control.estimator import DEFAULT_MODEL, NAMED_MODELS
 from exosight.control.realtime import Clock, Step, run_live, timings
 from exosight.control.simulated import SimulatedPlant
 from exosight.control.simulated_device import SimulatedDevice
@@ -39,7 +38,7 @@ def run(now: Callable[[], float] = perf_counter, adaptive: bool = False) -> dict
     now        clock to measure with [s]; `time.process_time` leaves out what other programs take
     adaptive   the adaptive controller on `index` instead of the guarded one
     """
-    network = OnnxEstimator.load(model_path(Path("index-control"), "index") if adaptive else DEFAULT_MODEL)
+    network = OnnxEstimator.load(NAMED_MODELS["index-control"] if adaptive else DEFAULT_MODEL)
     system = (index if adaptive else published)(Exosuit(CONTROL_SHAPE), camera_of(network.card))
     config = tune(system, period=1 / RATE)
     controller = Adaptive(config) if adaptive else Guarded(Scheduled(config))

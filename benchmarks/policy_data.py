@@ -45,8 +45,8 @@ SHIFT_BY_USER = (-0.200, 2.076, -0.911)
 WEARERS = (-0.018, 0.042), ((0.0314, -0.0100), (-0.0100, 0.0275))
 """Mean and covariance of (σ, δ [N])."""
 ESTIMATED = 0.013, 0.013, 0.012
-"""Of the network's F_net, the mean of the logarithm of estimate over truth, its deviation among wearers, and
-among the frames of one."""
+"""Of the network's F_net in 96 episodes, the mean of the logarithm of estimate over truth, its deviation
+among wearers, and among the frames of one; in 64 of them 0.011, 0.014, 0.012."""
 UNPRESSED = 5e-4
 """Estimates where nothing presses [N], RMS."""
 NOISY, REFUSED = 0.25, 0.03
@@ -121,8 +121,8 @@ def sensor(seed: int) -> Look:
     def look(plant: Plants, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
         images, read = true_sensor(plant, episodes, step)
         forces, ood_score = read.forces.copy(), read.ood_score.copy()
-        for i, episode in list(enumerate(episodes))[::2]:
-            noise = max((b.noise for b in episode.bursts if b.first <= step <= b.last), default=0.0)
+        for i in range(0, len(episodes), 2):
+            noise = max((burst.noise for burst in episodes[i].bursts_at(step)), default=0.0)
             ood_score[i] = 2.0 if noise > REFUSED else ood_score[i]
             error = of_wearers[i] + random.normal(0.0, np.hypot(frame, NOISY * np.sqrt(noise)))
             true, nothing = plant.state.outputs[i], np.abs(random.normal(0.0, UNPRESSED, forces.shape[1]))

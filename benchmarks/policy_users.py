@@ -11,7 +11,6 @@ each episode. The network, `index-control`, is that of a third run.
 import argparse
 from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -19,7 +18,7 @@ from scipy.optimize import least_squares
 from benchmarks.policy_data import SYSTEM, PathPlants, users
 from exosight.control.adaptive import Adaptive
 from exosight.control.batch import Plants
-from exosight.control.estimator import OnnxEstimator, Reading, model_path
+from exosight.control.estimator import NAMED_MODELS, OnnxEstimator, Reading
 from exosight.control.paths import ControllerConfig
 from exosight.control.stress import StressConfig
 from exosight.control.stress.episodes import Episode, draw_episode
@@ -53,12 +52,12 @@ def wearer_of(config: ControllerConfig, users_: np.ndarray, samples: Samples) ->
 
 def print_network(episodes: Sequence[Episode], config: ControllerConfig) -> None:
     """Run the episodes with the network as sensor, and print how its estimates are off."""
-    sense = camera_sensor(OnnxEstimator.load(model_path(Path("index-control"), SYSTEM)))
+    sense = camera_sensor(OnnxEstimator.load(NAMED_MODELS["index-control"]))
     seen: list[tuple[np.ndarray, ...]] = []
 
     def look(plant: Plants, episodes: Sequence[Episode], step: int) -> tuple[Images, Reading]:
         images, read = sense(plant, episodes, step)
-        noise = [sum(b.noise for b in e.bursts if b.first <= step <= b.last) for e in episodes]
+        noise = [sum(burst.noise for burst in each.bursts_at(step)) for each in episodes]
         seen.append((np.array(plant.state.outputs), read.forces, read.ood_score > 1, np.array(noise)))
         return images, read
 

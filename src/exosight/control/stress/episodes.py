@@ -77,6 +77,10 @@ class Episode:
         """Whether the camera is not where the system has it."""
         return self.camera != self.system.camera
 
+    def bursts_at(self, step: int) -> list[Burst]:
+        """Those in which the image of this step is."""
+        return [burst for burst in self.bursts if burst.first <= step <= burst.last]
+
 
 def draw_episode(config: StressConfig, seed: int, number: int, plants: StressPlants) -> Episode:
     """The episode of this number; it depends on configuration, plants, seed and number alone.

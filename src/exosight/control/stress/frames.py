@@ -31,7 +31,7 @@ def camera_sensor(estimator: Reader) -> Look:
             [plant.pictures(episode.camera, np.array([i])) for i, episode in enumerate(episodes)]
         )
         for image, episode in zip(images, episodes, strict=True):
-            for burst in _now(episode, step):
+            for burst in episode.bursts_at(step):
                 image[:] = _corrupted(image, burst, step)
         if takes_commands(estimator):
             assert isinstance(estimator, OnnxEstimator)
@@ -51,7 +51,7 @@ def true_sensor(plant: Plants, episodes: Sequence[Episode], step: int) -> tuple[
     outputs = np.array(plant.state.outputs, np.float32, order="C")  # whose bytes are looked at below
     ood_score = np.zeros(len(outputs), np.float32)
     for i, episode in enumerate(episodes):
-        for burst in _now(episode, step):
+        for burst in episode.bursts_at(step):
             scatter = 0.1 * np.sqrt(burst.noise)  # [the output's unit]
             random = np.random.default_rng([burst.seed, step])
             outputs[i] += random.normal(0.0, scatter, outputs.shape[1])
@@ -104,7 +104,7 @@ def last_seen(episodes: Sequence[Episode]) -> Int[np.ndarray, "episodes steps"]:
     for i, episode in enumerate(episodes):
         for step in range(1, seen.shape[1]):
             taken = max(step - 1 - episode.latency, 0)
-            hidden = any(burst.hidden for burst in _now(episode, taken))
+            hidden = any(burst.hidden for burst in episode.bursts_at(taken))
             usable = not (episode.lost[step - 1] or episode.again[step - 1] or hidden)
             seen[i, step] = taken if usable else seen[i, step - 1]
     return seen
@@ -115,10 +115,6 @@ def _row(reading: Reading, i: int) -> Reading:
     return Reading(
         reading.forces[own], reading.low[own], reading.high[own], reading.contact[own], reading.ood_score[own]
     )
-
-
-def _now(episode: Episode, step: int) -> list[Burst]:
-    return [burst for burst in episode.bursts if burst.first <= step <= burst.last]
 
 
 def _corrupted(image: np.ndarray, burst: Burst, step: int) -> np.ndarray:
