@@ -25,7 +25,8 @@ pytestmark = pytest.mark.skipif(
     CHROMIUM is None, reason="no Chromium on this machine; set CHROMIUM to its path"
 )
 
-SOON = 60_000  # ms; far beyond what it takes, also while all is compiled
+PATIENCE = 60_000  # ms; far beyond what anything takes, also while all is compiled beside another test
+expect.set_options(timeout=PATIENCE)
 
 
 @pytest.fixture(scope="module")
@@ -52,13 +53,14 @@ def opener(browser: Browser, address: Any) -> Iterator[Callable[..., Page]]:
 
     def opened(**options: Any) -> Page:
         context = browser.new_context(accept_downloads=True, **options)
+        context.set_default_timeout(PATIENCE)
         contexts.append(context)
         page = context.new_page()
         page.on("console", listen)
         page.on("pageerror", lambda error: said.append(str(error)))
         page.on("request", asked)
         page.goto(str(address))
-        expect(page.locator("#status")).to_be_hidden(timeout=SOON)
+        expect(page.locator("#status")).to_be_hidden()
         return page
 
     yield opened
@@ -257,7 +259,7 @@ def test_two_channels_have_two_sliders_and_either_can_be_charted(open_assisted: 
     page.locator("#loop-settings").get_by_label("Sensor").select_option("P3")
     page.get_by_label("Law").select_option("proportional")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#time")).to_have_attribute("max", "59", timeout=SOON)
+    expect(page.locator("#time")).to_have_attribute("max", "59")
 
 
 def test_every_slider_and_list_changes_what_it_says(open_page: Callable[..., Page]) -> None:
@@ -265,7 +267,7 @@ def test_every_slider_and_list_changes_what_it_says(open_page: Callable[..., Pag
     commands = {page.locator("#command").input_value()}
     for family in ("sine", "cosine_sum", "sine_cosine", "legendre"):
         page.get_by_label("Family").select_option(family)
-        expect(page.locator("#command")).to_have_value(re.compile(f"--vary family={family}"), timeout=SOON)
+        expect(page.locator("#command")).to_have_value(re.compile(f"--vary family={family}"))
         commands.add(page.locator("#command").input_value())
     for label in ("Young's modulus, kPa, as a number", "Zoom, %, as a number"):
         number = page.get_by_label(label)
@@ -290,7 +292,7 @@ def test_files_and_the_command_can_be_saved(open_page: Callable[..., Page], tmp_
         ("#save-readings", b"sensor,"),
         ("#save-path", b"u [N],"),
     ):
-        with page.expect_download(timeout=SOON) as waiting:
+        with page.expect_download() as waiting:
             page.locator(button).click()
         file = tmp_path / waiting.value.suggested_filename
         waiting.value.save_as(file)
@@ -305,7 +307,7 @@ def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page]
     page.get_by_label("Law").select_option("proportional")
     page.get_by_label("Measured by").select_option("true")
     page.get_by_role("button", name="Run").click()
-    expect(page.locator("#time")).to_have_attribute("max", "59", timeout=SOON)
+    expect(page.locator("#time")).to_have_attribute("max", "59")
     # Wherever it is now: the key moves the time, and moving it pauses.
     page.locator("#time").focus()
     page.keyboard.press("Home")
@@ -321,7 +323,7 @@ def test_a_loop_runs_plays_pauses_and_is_scrubbed(open_page: Callable[..., Page]
     expect(page.locator("#loop-target")).to_have_text("0.000 N")
     page.keyboard.press("Home")
     expect(page.locator("#loop-u")).to_have_text("0.00 N")
-    with page.expect_download(timeout=SOON) as waiting:
+    with page.expect_download() as waiting:
         page.locator("#save-run").click()
     waiting.value.save_as(tmp_path / "run.csv")
     assert len((tmp_path / "run.csv").read_text().splitlines()) == 61
@@ -334,7 +336,7 @@ def test_a_newer_run_takes_the_place_of_one_that_plays(open_page: Callable[..., 
     page.get_by_label("Measured by").select_option("true")
     run = page.locator("#loop-settings button")
     run.click()
-    expect(page.locator("#loop-u")).to_have_text(re.compile("[1-9].* N"), timeout=SOON)
+    expect(page.locator("#loop-u")).to_have_text(re.compile("[1-9].* N"))
     expect(page.locator("#play")).to_have_text("Pause")
     page.route("**/api/trial", lambda route: None)  # not answered
     run.click()
@@ -343,8 +345,8 @@ def test_a_newer_run_takes_the_place_of_one_that_plays(open_page: Callable[..., 
     expect(page.locator("#play")).to_be_disabled()
     page.unroute("**/api/trial")
     run.click()
-    expect(page.locator("#play")).to_have_text("Pause", timeout=SOON)
-    expect(page.locator("#loop-u")).to_have_text(re.compile("[1-9].* N"), timeout=SOON)
+    expect(page.locator("#play")).to_have_text("Pause")
+    expect(page.locator("#loop-u")).to_have_text(re.compile("[1-9].* N"))
     expect(page.locator("#loop-guard")).to_have_text("no guard")
 
 
@@ -380,7 +382,7 @@ def test_the_address_keeps_the_settings_and_their_history(open_page: Callable[..
 
 def test_limits_that_arrive_late_leave_a_number_that_is_being_typed(open_page: Callable[..., Page]) -> None:
     page = open_page()
-    page.wait_for_selector("#path path.down", timeout=SOON)  # no request of the first tab is held below
+    page.wait_for_selector("#path path.down")  # no request of the first tab is held below
     held: list[Route] = []
     page.route("**/api/path", lambda route: held.append(route))
     with page.expect_request("**/api/path"):
@@ -389,7 +391,7 @@ def test_limits_that_arrive_late_leave_a_number_that_is_being_typed(open_page: C
     expect(target).to_have_attribute("max", "1")
     target.fill("0.21")
     held[0].continue_()
-    expect(target).not_to_have_attribute("max", "1", timeout=SOON)
+    expect(target).not_to_have_attribute("max", "1")
     expect(target).to_have_value("0.21")
     target.press("Enter")
     expect(page).to_have_url(re.compile("loop.target=0.21"))
@@ -423,7 +425,7 @@ def test_a_token_does_not_stay_in_the_address(browser: Browser, guarded_address:
     page = browser.new_page()
     for _ in range(2):  # the second time the cookie is there already
         page.goto(f"{guarded_address}/?token=secret#camera.zoom=1.04&drive=2.4")
-        expect(page.locator("#status")).to_be_hidden(timeout=SOON)
+        expect(page.locator("#status")).to_be_hidden()
         expect(page).to_have_url(f"{guarded_address}/#camera.zoom=1.04&drive=2.4")
     page.close()
 
@@ -473,7 +475,7 @@ def test_a_part_of_an_image_of_other_proportions_is_estimated(
         page.keyboard.press("+")
         page.keyboard.press("-")
     page.get_by_role("button", name="Estimate this crop").click()
-    expect(page.locator("#verdict")).to_contain_text("of an error of F_net above 0.05 N", timeout=SOON)
+    expect(page.locator("#verdict")).to_contain_text("of an error of F_net above 0.05 N")
     estimated = float(page.locator("#verdict").inner_text().split()[1])
     assert estimated == pytest.approx(net_force(lab, lab.start), abs=0.03)
 
@@ -491,7 +493,7 @@ def test_a_picture_is_estimated_when_it_is_dropped(open_page: Callable[..., Page
         )
         page.dispatch_event("#drop", "drop", {"dataTransfer": dropped})
         words = "of an error of F_net above 0.05 N" if name == "pose.png" else "Do not trust these"
-        expect(page.locator("#verdict")).to_contain_text(words, timeout=SOON)
+        expect(page.locator("#verdict")).to_contain_text(words)
     page.locator("#file").set_input_files(
         {"name": "bad.png", "mimeType": "image/png", "buffer": b"not a picture"}
     )
