@@ -380,7 +380,10 @@ def test_the_address_keeps_the_settings_and_their_history(open_page: Callable[..
     expect(page.locator("#stale")).to_be_hidden()
 
 
-def test_limits_that_arrive_late_leave_a_number_that_is_being_typed(open_page: Callable[..., Page]) -> None:
+@pytest.mark.parametrize("typed", ["before", "after"])
+def test_limits_that_arrive_late_leave_a_number_that_is_being_typed(
+    typed: str, open_page: Callable[..., Page]
+) -> None:
     page = open_page()
     page.wait_for_selector("#path path.down")  # no request of the first tab is held below
     held: list[Route] = []
@@ -389,9 +392,13 @@ def test_limits_that_arrive_late_leave_a_number_that_is_being_typed(open_page: C
         page.get_by_role("tab", name="Closed loop").click()
     target = page.get_by_label("Target F_net, N, as a number")
     expect(target).to_have_attribute("max", "1")
-    target.fill("0.21")
+    target.select_text()
+    if typed == "before":
+        page.keyboard.type("0.21")
     held[0].continue_()
     expect(target).not_to_have_attribute("max", "1")
+    if typed == "after":
+        page.keyboard.type("0.21")
     expect(target).to_have_value("0.21")
     target.press("Enter")
     expect(page).to_have_url(re.compile("loop.target=0.21"))

@@ -21,7 +21,9 @@ export function slider(spec, changed) {
     now = value;
     range.value = spec.log ? (200 * Math.log(value / spec.low)) / Math.log(spec.high / spec.low) : shown(value);
     range.setAttribute("aria-valuetext", `${shown(value)} ${spec.unit}`);
-    if (!exact) number.value = shown(value);
+    if (exact) return;
+    number.value = shown(value);
+    if (document.activeElement === number) number.select();  // what is typed next replaces it
   };
   const take = (value, exact) => {
     const inside = Math.min(spec.high, Math.max(spec.low, value));
