@@ -16,6 +16,7 @@ from importlib.metadata import version
 from importlib.util import cache_from_source
 from pathlib import Path
 
+import _pytest.runner
 import hypothesis
 import pytest
 from jaxtyping import _import_hook, install_import_hook
@@ -62,6 +63,11 @@ _import_hook.JaxtypingTransformer = _OfModulesAndClasses
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 install_import_hook("exosight", "beartype.beartype")
+
+# Tests lie deep below pytest, and call much: see there.
+from exosight.scalar_program.frames import with_room_for_frames  # noqa: E402 - after the hook
+
+_pytest.runner.runtestprotocol = with_room_for_frames(_pytest.runner.runtestprotocol)
 
 # Tracing makes so many objects that collecting garbage as often as usual takes 7 % of the time.
 gc.set_threshold(50_000, 20, 50)

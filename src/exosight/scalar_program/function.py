@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, Integer
 from exosight.arrays import AnyArray
 from exosight.scalar_program import interpreter
 from exosight.scalar_program.cache import kept_programs
+from exosight.scalar_program.frames import with_room_for_frames
 from exosight.scalar_program.graph import Graph, Unsupported
 from exosight.scalar_program.program import Program, Stage, programs
 from exosight.scalar_program.tracing import values_of
@@ -87,6 +88,7 @@ def _run(
     return results, left
 
 
+@with_room_for_frames
 def unroll(function: Callable, arguments: Sequence[Any]) -> Unrolled:
     """A function whose arguments become known one after the other, as programs.
 
