@@ -64,8 +64,8 @@ sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 install_import_hook("exosight", "beartype.beartype")
 
-# Tests lie deep below pytest, and call much: see there.
-from exosight.scalar_program.frames import with_room_for_frames  # noqa: E402 - after the hook
+# Python 3.11 and 3.12 are slow at some depths of the call stack, and tests lie deep below pytest.
+from exosight.call_stack import with_room_for_frames  # noqa: E402 - after the hook
 
 _pytest.runner.runtestprotocol = with_room_for_frames(_pytest.runner.runtestprotocol)
 

@@ -11,7 +11,7 @@ ORDER = (
     *("lie", "scalar_program", "mechanics", "system", "exosuit", "vision", "dataset", "rig", "learning"),
     *("evaluation", "control", "environment", "lab", "app"),
 )
-SHARED = {"arrays", "errors", "files", "hdf5", "validation"}
+SHARED = {"arrays", "call_stack", "errors", "files", "hdf5", "validation"}
 """Modules that every folder may use."""
 
 

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Array, Float, Integer
 
 from exosight.arrays import AnyArray
+from exosight.call_stack import with_room_for_frames
 from exosight.scalar_program import interpreter
 from exosight.scalar_program.cache import kept_programs
-from exosight.scalar_program.frames import with_room_for_frames
 from exosight.scalar_program.graph import Graph, Unsupported
 from exosight.scalar_program.program import Program, Stage, programs
 from exosight.scalar_program.tracing import values_of

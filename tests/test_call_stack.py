@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from exosight.scalar_program.frames import with_room_for_frames
+from exosight.call_stack import with_room_for_frames
 
 resource = pytest.importorskip("resource", reason="the operating system does not count page faults")
 
